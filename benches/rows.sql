@@ -31,8 +31,8 @@ INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_s
     SELECT id, 0, md5('analysis'), md5('feature'), '{"shaft_speed_hz":24.9,"source":"mesh_comb","confidence":0.98}', '{"revolutions":24}',
         :'indicators', :'features'
     FROM segments;
-INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate, run_indicators)
-    SELECT id, 0, 'tracking', 'explained by wear', 12.5, 12.6, 9.8, 15.9, -31.4, '{"status":"tracking","reason":"explained by wear","median_um":12.5,"mean_um":12.6,"p05_um":9.8,"p95_um":15.9,"method":"grid"}',
+INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, low_um, high_um, log_evidence, estimate, run_indicators)
+    SELECT id, 0, 'tracking', 'explained by wear', 12.5, 12.6, 9.8, 15.9, -31.4, '{"status":"tracking","reason":"explained by wear","median_um":12.5,"mean_um":12.6,"low_um":9.8,"high_um":15.9,"method":"grid"}',
         '{"values":{"na4":2.913451231,"nb4":3.012312314}}'
     FROM segments;
 ANALYZE segments;
@@ -47,7 +47,7 @@ SELECT relname, reltuples::bigint AS rows, pg_size_pretty(pg_relation_size(oid))
 \echo '--- a block of a trend: 4096 records of a channel after a time (cold, then repeated)'
 PREPARE trend (bigint, bigint, text, bigint) AS
     SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason,
-        w.median_um, w.mean_um, w.p05_um, w.p95_um, w.log_evidence
+        w.median_um, w.mean_um, w.low_um, w.high_um, w.log_evidence
     FROM segments s
     JOIN analyses a ON a.segment_id = s.id AND a.generation = 0
     JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = 0

@@ -1,5 +1,6 @@
 //! The service under load, as the release binary:
-//! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet]`.
+//! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet|memory]`.
+//! Without a name all but `memory` run, which takes two hours.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
 //! files. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
@@ -43,6 +44,9 @@ fn main() {
     }
     if is_selected("fleet") {
         fleet();
+    }
+    if selected.iter().any(|word| word == "memory") {
+        memory();
     }
 }
 
@@ -331,5 +335,47 @@ fn fleet() {
         );
         drop(service);
         assets *= 10;
+    }
+}
+
+/// Resident memory under steady load, for `FLANKWATCH_BENCH_SECONDS` (two hours): records of 2 s go to 20 assets
+/// with two channels each, and dashboards read.
+fn memory() {
+    const ASSETS: usize = 20;
+    const CONNECTIONS: usize = 4;
+    const RECORDS_A_SECOND: f64 = 4.0;
+    const STEP_SECONDS: usize = 300;
+    let total_seconds: usize =
+        std::env::var("FLANKWATCH_BENCH_SECONDS").map_or(7200, |text| text.parse().expect("a number"));
+    let service = Service::start(&folder("memory"));
+    for n in 0..ASSETS {
+        service.post("/v1/assets", "application/json", described(&format!("a{n:02}")).to_string().as_bytes());
+    }
+    let records = Uploads::of(SAMPLES / 5);
+    let step = STEP_SECONDS.min(total_seconds);
+    let in_step = (step as f64 * RECORDS_A_SECOND) as usize;
+    for done in 0..total_seconds / step {
+        let (_, times) = load(&service, CONNECTIONS, in_step, Some(RECORDS_A_SECOND), |n, stream| {
+            let sent = done * in_step + n;
+            let asset = format!("a{:02}", sent % ASSETS);
+            // One channel of every asset, then the other.
+            records.send(stream, &asset, (sent / ASSETS) % 2, sent);
+            for path in [
+                "/v1/assets?limit=100".to_owned(),
+                format!("/v1/assets/{asset}/wear"),
+                format!("/v1/assets/{asset}/indicators?names=rms&max_points=1000"),
+            ] {
+                let head = format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n");
+                assert_eq!(exchange(stream, &head, b""), 200, "{path}");
+            }
+        });
+        let [all_mb, anonymous_mb, files_mb] =
+            ["VmRSS", "RssAnon", "RssFile"].map(|name| service.memory_mb(name));
+        println!(
+            "memory: after {} s and {} records {all_mb:.0} MB resident: {anonymous_mb:.0} MB anonymous, {files_mb:.0} MB of files; p99 {:.0} ms",
+            (done + 1) * step,
+            (done + 1) * in_step,
+            1e3 * quantile(&times, 0.99)
+        );
     }
 }

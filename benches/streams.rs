@@ -1,8 +1,9 @@
-//! Live streams into the release binary over loopback: `cargo bench --bench streams -- [seconds]`.
+//! Live streams into the release binary over loopback: `cargo bench --bench streams -- [seconds] [streams]`.
 //!
-//! 16 streams of 4 channels of 32-bit floats at 25.6 kHz, each of its own asset; 10 s of each minute become
+//! 16 streams, by default, of 4 channels of 32-bit floats at 25.6 kHz, each of its own asset; 10 s of each minute become
 //! records and are analysed. First in real time, for 60 s by default; then as fast as the service accepts them.
-//! `FLANKWATCH_BENCH_PROGRAM` selects another binary than the one built.
+//! `FLANKWATCH_BENCH_PROGRAM` selects another binary than the one built. `FLANKWATCH_BENCH_CONFIG` is the
+//! settings file of a cluster, one of whose nodes is then measured.
 
 #[expect(dead_code, reason = "other benches use more of it")]
 mod driven;
@@ -15,6 +16,7 @@ use driven::{Service, folder};
 use serde_json::{Value, json};
 use tungstenite::{Message, WebSocket};
 
+/// Default number of streams.
 const STREAMS: usize = 16;
 const CHANNELS: usize = 4;
 const RATE_HZ: u64 = 25_600;
@@ -22,16 +24,24 @@ const RATE_HZ: u64 = 25_600;
 /// Frames per message: a tenth of a second.
 const FRAMES: u64 = RATE_HZ / 10;
 
-/// Data rate of all streams in real time, in MB/s.
-const REAL_TIME_MB_PER_S: f64 = (STREAMS * CHANNELS * 4) as f64 * RATE_HZ as f64 / 1e6;
+/// Data rate of a stream in real time, in MB/s.
+const REAL_TIME_MB_PER_S: f64 = (CHANNELS * 4) as f64 * RATE_HZ as f64 / 1e6;
 
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: u64 = 1_767_225_600_000_000_000;
 
 fn main() {
-    let seconds = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(60.0);
-    let service = Service::start(&folder("streams"));
-    for n in 0..STREAMS {
+    let mut numbers = std::env::args().skip(1).filter_map(|word| word.parse::<f64>().ok());
+    let seconds = numbers.next().unwrap_or(60.0);
+    let streams = numbers.next().map_or(STREAMS, |streams| streams as usize);
+    let service = match std::env::var("FLANKWATCH_BENCH_CONFIG") {
+        Ok(config) => {
+            let arguments = ["serve", "--listen", "127.0.0.1:0", "--config", config.as_str()];
+            Service::start_as(&arguments, &folder("streams"))
+        }
+        Err(_) => Service::start(&folder("streams")),
+    };
+    for n in 0..streams {
         let asset = json!({
             "id": format!("asset-{n}"),
             "gear": { "teeth": [31, 62], "shaft_speed_hz": 20.0 },
@@ -41,9 +51,10 @@ fn main() {
     }
     service.wait_until_idle();
     println!(
-        "{STREAMS} streams of {CHANNELS} channels at {RATE_HZ} Hz, f32: {REAL_TIME_MB_PER_S:.2} MB/s in real time"
+        "{streams} streams of {CHANNELS} channels at {RATE_HZ} Hz, f32: {:.2} MB/s in real time",
+        streams as f64 * REAL_TIME_MB_PER_S
     );
-    let mut senders: Vec<Sender> = (0..STREAMS).map(|n| Sender::open(&service, n)).collect();
+    let mut senders: Vec<Sender> = (0..streams).map(|n| Sender::open(&service, n)).collect();
     run("in real time", &service, &mut senders, seconds, true);
     run("at full speed", &service, &mut senders, seconds / 2.0, false);
     for (n, sender) in senders.iter().enumerate() {
@@ -102,7 +113,7 @@ impl Sender {
 
 /// Sends for a number of seconds and prints the cost.
 fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_paced: bool) {
-    let resident_before = resident_mb(service);
+    let resident_before = service.memory_mb("VmRSS");
     let (_, user_before, system_before) = service.used();
     let acknowledged_before: u64 = senders.iter().map(|sender| sender.acknowledged).sum();
     let (began, longest_us) = (Instant::now(), AtomicU64::new(0));
@@ -138,17 +149,10 @@ fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_p
     println!(
         "{what}: {took:.1} s, {mb_per_s:.2} MB/s, {:.2} times real time; {:.2} s of CPU a second ({:.2} of the \
          system); resident {resident_before:.0} MB before, {:.0} MB after; longest wait for a response {:.0} ms",
-        mb_per_s / REAL_TIME_MB_PER_S,
+        mb_per_s / REAL_TIME_MB_PER_S / senders.len() as f64,
         (user + system - user_before - system_before) / took,
         (system - system_before) / took,
-        resident_mb(service),
+        service.memory_mb("VmRSS"),
         longest_us.into_inner() as f64 / 1e3,
     );
-}
-
-/// Returns the resident memory in MB.
-fn resident_mb(service: &Service) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", service.child.id())).unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    line.and_then(|text| text.trim().trim_end_matches(" kB").parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
 }

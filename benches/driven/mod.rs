@@ -84,18 +84,23 @@ impl Service {
         }
     }
 
+    /// Returns an amount of memory in MB by its name in `/proc/PID/status`.
+    pub(crate) fn memory_mb(&self, name: &str) -> f64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
+        let value = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'));
+        let kb: f64 =
+            value.and_then(|text| text.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(f64::NAN);
+        kb / 1024.0
+    }
+
     /// Returns the peak resident memory in MB, and the user and system time in seconds.
     pub(crate) fn used(&self) -> (f64, f64, f64) {
         let proc = format!("/proc/{}", self.child.id());
-        let status = fs::read_to_string(format!("{proc}/status")).unwrap_or_default();
-        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let peak_kb: f64 =
-            peak.and_then(|text| text.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(f64::NAN);
         let stat = fs::read_to_string(format!("{proc}/stat")).unwrap_or_default();
         let fields: Vec<&str> = stat.rsplit(") ").next().unwrap_or_default().split(' ').collect();
         let ticks =
             |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
-        (peak_kb / 1024.0, ticks(11), ticks(12))
+        (self.memory_mb("VmHWM"), ticks(11), ticks(12))
     }
 }
 
@@ -211,18 +216,23 @@ pub(crate) fn load(
     (seconds, times)
 }
 
-/// Records of 10 s with the same samples, each with another time and so another hash.
+/// Records with the same samples, each with another time and so another hash.
 pub(crate) struct Uploads {
     body: Vec<u8>,
 }
 
 impl Uploads {
+    /// Records of 10 s.
     pub(crate) fn new() -> Self {
+        Self::of(SAMPLES)
+    }
+
+    pub(crate) fn of(samples: usize) -> Self {
         // Without time and channel, so that those of the query apply.
         let block = WaveformBlock {
             sample_rate_hz: RATE_HZ,
             unit: "m/s2".to_owned(),
-            samples: record(0, SAMPLES).samples().to_vec(),
+            samples: record(0, samples).samples().to_vec(),
             ..Default::default()
         };
         Self { body: block.encode_to_vec() }

@@ -19,13 +19,13 @@ truth, median, low, high = [], [], [], []
 for record in run:
     wear = tracker.update(record.samples, record.rate_hz, record.time, torque_nm=record.torque_nm)["wear"]
     truth.append(record.wear_um)
-    for values, name in ((median, "median_um"), (low, "p05_um"), (high, "p95_um")):
+    for values, name in ((median, "median_um"), (low, "low_um"), (high, "high_um")):
         values.append(wear.get(name, np.nan))
 print(wear["reason"])
 
 # %%
 figure, axes = plt.subplots()
-axes.fill_between(range(len(truth)), low, high, alpha=0.3, label="5 % to 95 %")
+axes.fill_between(range(len(truth)), low, high, alpha=0.3, label="90 % interval")
 axes.plot(median, label="median")
 axes.plot(truth, "k--", label="truth")
 axes.set(xlabel="record", ylabel="wear depth in µm")

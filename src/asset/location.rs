@@ -11,7 +11,7 @@ const MAX_POINTS: usize = 64;
 /// Maximum sensitivity, in any unit.
 const MAX_SENSITIVITY: f64 = 1e12;
 
-/// Maximum length of a text in a description, in bytes.
+/// Maximum length of a text in a description, in characters.
 const MAX_TEXT: usize = 200;
 
 /// The location of a mesh; meshes of one gearbox have the first three fields in common.
@@ -106,9 +106,11 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
 pub(super) fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {
     match text {
         Some(text)
-            if text.trim().is_empty() || text.len() > MAX_TEXT || text.chars().any(char::is_control) =>
+            if text.trim().is_empty()
+                || text.chars().count() > MAX_TEXT
+                || text.chars().any(char::is_control) =>
         {
-            Err(field(name, format!("{text:?}"), "1 to 200 bytes without control characters"))
+            Err(field(name, format!("{text:?}"), "1 to 200 characters, none of them control characters"))
         }
         _ => Ok(()),
     }

@@ -15,7 +15,7 @@ const MAX_EDGE: f64 = 1e12;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OperatingBin {
-    /// Its name: 1 to 64 bytes without control characters.
+    /// Its name: 1 to 64 characters, none of them control characters.
     #[schema(example = "full load")]
     pub name: String,
     /// Speeds of the driving shaft in hertz, from the first up to, not including, the second.
@@ -52,12 +52,13 @@ pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
     }
     for (index, bin) in bins.iter().enumerate() {
         let name = bin.name.as_str();
-        let is_usable = !name.trim().is_empty() && name.len() <= 64 && !name.chars().any(char::is_control);
+        let is_usable =
+            !name.trim().is_empty() && name.chars().count() <= 64 && !name.chars().any(char::is_control);
         if !is_usable || bins[..index].iter().any(|other| other.name == name) {
             return Err(field(
                 "operating_bins.name",
                 format!("{name:?}"),
-                "a unique name of 1 to 64 bytes without control characters",
+                "a unique name of 1 to 64 characters, none of them control characters",
             ));
         }
         let ranges = [

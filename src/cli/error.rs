@@ -84,6 +84,14 @@ pub enum CliError {
     /// Problems were found; each was printed when it was found.
     #[error("{0} problems found")]
     Findings(u64),
+    /// A sound card could not be opened or read.
+    #[error("--alsa {device}: {reason}")]
+    SoundCard {
+        /// Its name.
+        device: String,
+        /// What failed.
+        reason: String,
+    },
     /// A server could not be reached or rejected the request.
     #[error("{url}: {reason}")]
     Server {

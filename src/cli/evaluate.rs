@@ -78,8 +78,8 @@ pub(super) struct EvaluateArgs {
     inspection_um: Option<f64>,
     /// With --recorded: score the estimates in this JSON file instead of the estimator's
     ///
-    /// An object with a list for each run. The list has an element per record: [median, 5 % quantile, 95 %
-    /// quantile] in µm, or null.
+    /// An object with a list for each run. The list has an element per record: [median, lower end, upper
+    /// end of the 90 % interval] in µm, or null.
     #[arg(long, value_name = "FILE", requires = "recorded")]
     answers: Option<PathBuf>,
     /// With --recorded: print JSON

@@ -28,7 +28,7 @@ struct Truth {
     wear_um: f64,
 }
 
-/// Another estimator's answers by run, one per record: median, 5 % and 95 % quantile in µm.
+/// Another estimator's answers by run, one per record: median and ends of the 90 % interval in µm.
 type Answers = BTreeMap<String, Vec<Option<[f64; 3]>>>;
 
 /// The estimates of a run, or of all its channels together.
@@ -288,7 +288,7 @@ fn read_answers(path: &Path) -> Result<Answers, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
     serde_json::from_str(&text).map_err(|error| {
-        failed(format!("{error}, expected a list of [median, p05, p95] or null for each run"))
+        failed(format!("{error}, expected a list of [median, low, high] or null for each run"))
     })
 }
 

@@ -272,7 +272,7 @@ impl LimitsTable {
         set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
         set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
         set(&mut config.http.requests_per_s, self.requests_per_s);
-        set(&mut config.http.streams, self.streams.map(|n| n.max(1)));
+        set(&mut config.work.streams_at_once, self.streams.map(|n| n.max(1)));
         set(&mut config.http.events_kept, self.events_kept);
         set(&mut config.work.start_time_ahead, self.start_time_ahead_s.map(Duration::from_secs));
         set(&mut config.work.bytes_at_once, self.bytes_at_once);

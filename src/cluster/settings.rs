@@ -196,7 +196,7 @@ pub(super) fn invalid(field: &str, value: impl ToString, expected: &str) -> Clus
     ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "cluster"))]
 mod tests {
     use super::*;
 

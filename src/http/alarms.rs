@@ -19,7 +19,7 @@ use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 /// Maximum number of history entries returned.
 const MAX_ENTRIES: u32 = 1000;
 
-/// Maximum length of a comment in bytes.
+/// Maximum length of a comment in characters.
 const MAX_COMMENT: usize = 2000;
 
 /// The current state of an alarm.
@@ -181,10 +181,10 @@ pub(super) async fn show(
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SignedRemark {
-    /// Name of the person: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 characters.
     #[schema(example = "Ada")]
     by: String,
-    /// Comment: at most 2000 bytes.
+    /// Comment: at most 2000 characters.
     #[serde(default)]
     #[schema(example = "seen, oil sample taken")]
     comment: String,
@@ -194,13 +194,13 @@ pub(super) struct SignedRemark {
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Shelving {
-    /// Name of the person: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 characters.
     #[schema(example = "Ada")]
     by: String,
     /// End of shelving; must be in the future.
     #[schema(example = "2200-01-01T00:00:00Z")]
     until: Timestamp,
-    /// Comment: at most 2000 bytes.
+    /// Comment: at most 2000 characters.
     #[serde(default)]
     #[schema(example = "until the stop")]
     comment: String,
@@ -312,15 +312,16 @@ async fn act(
 
 /// Rejects invalid names and comments.
 pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
-    if by.trim().is_empty() || by.len() > 200 || by.chars().any(char::is_control) {
+    if by.trim().is_empty() || by.chars().count() > 200 || by.chars().any(char::is_control) {
         return Err(Problem::content(
             "by",
             format!("{by:?}"),
-            "a name of 1 to 200 bytes without control characters",
+            "a name of 1 to 200 characters, none of them control characters",
         ));
     }
-    if comment.len() > MAX_COMMENT {
-        return Err(Problem::content("comment", format!("{} bytes", comment.len()), "at most 2000 bytes"));
+    let length = comment.chars().count();
+    if length > MAX_COMMENT {
+        return Err(Problem::content("comment", format!("{length} characters"), "at most 2000 characters"));
     }
     Ok(())
 }

@@ -28,7 +28,6 @@ pub(super) struct App {
     pub(super) lines: Arc<LineCache>,
     pub(super) previews: Arc<PreviewModels>,
     pub(super) event_streams: Shares,
-    pub(super) streams: Shares,
     pub(super) write_probe: Arc<WriteProbe>,
     pub(super) queue_watch: Arc<QueueWatch>,
 }

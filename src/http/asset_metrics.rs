@@ -52,7 +52,10 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
 }
 
 /// Quantiles of the wear depth.
-const QUANTILES: [&str; 5] = ["0.05", "0.25", "0.5", "0.75", "0.95"];
+const QUANTILES: [&str; 3] = ["0.25", "0.5", "0.75"];
+
+/// Ends of the interval of the wear depth.
+const BOUNDS: [&str; 2] = ["low", "high"];
 
 /// Wear, indicators and time of each channel's latest record; `wanted` selects indicators, all by default.
 pub(super) async fn assets(
@@ -60,12 +63,18 @@ pub(super) async fn assets(
     wanted: Option<&[&str]>,
     text: &mut MetricsText,
 ) -> Result<(), Problem> {
+    let mut intervals = MetricsText::default();
     let mut indicators = MetricsText::default();
     let mut times = MetricsText::default();
     text.head(
         "flankwatch_wear_depth_um",
         "gauge",
         "Quantiles of the wear depth after the latest record, in micrometres.",
+    );
+    intervals.head(
+        "flankwatch_wear_depth_interval_um",
+        "gauge",
+        "Ends of the 90 % interval of the wear depth after the latest record, in micrometres.",
     );
     indicators.head(
         "flankwatch_indicator",
@@ -85,9 +94,15 @@ pub(super) async fn assets(
         for record in &records {
             let labels =
                 |name, value| [("asset", &*record.asset), ("channel", &record.channel), (name, value)];
-            for (quantile, value) in QUANTILES.iter().zip(record.wear_um) {
+            let [low, p25, median, p75, high] = record.wear_um;
+            for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
                 if let Some(value) = value {
                     text.line("flankwatch_wear_depth_um", &labels("quantile", quantile), value);
+                }
+            }
+            for (bound, value) in BOUNDS.iter().zip([low, high]) {
+                if let Some(value) = value {
+                    intervals.line("flankwatch_wear_depth_interval_um", &labels("bound", bound), value);
                 }
             }
             for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
@@ -99,6 +114,7 @@ pub(super) async fn assets(
         let Some(last) = records.into_iter().last() else { break };
         after = Some(last);
     }
+    text.append(intervals);
     text.append(indicators);
     text.append(times);
     Ok(())

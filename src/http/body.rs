@@ -15,6 +15,7 @@ use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
 use super::content_encoding::{ContentEncoding, STEP};
+use super::json_error;
 use super::limits::HttpLimits;
 use super::problem::Problem;
 use crate::recording::Format;
@@ -282,14 +283,7 @@ impl Drop for SpooledBody {
 
 /// Parses JSON bytes: 400 if they are not JSON, 422 if they do not match the type.
 pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
-    serde_json::from_slice(bytes).map_err(|error| {
-        let message = error.to_string();
-        let status = match error.classify() {
-            serde_json::error::Category::Data => StatusCode::UNPROCESSABLE_ENTITY,
-            _ => StatusCode::BAD_REQUEST,
-        };
-        Problem::new(status, format!("invalid body: {message}")).naming_field_in(&message)
-    })
+    serde_json::from_slice(bytes).map_err(|error| json_error::problem::<T>(bytes, &error))
 }
 
 /// The announced length of a body.

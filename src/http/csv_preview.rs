@@ -22,6 +22,7 @@ const STRETCHES: usize = 200;
 
 /// The CSV column layout in the query of an upload or preview.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CsvParameters {
     /// Sampling rate in hertz, if the file does not contain it.

@@ -8,7 +8,7 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{mpsc, watch};
 
 use crate::asset::AssetId;
-use crate::service::{History, LiveEvent, NumberedEvent};
+use crate::service::{History, LiveEvent, NumberedEvent, Streams};
 
 /// Number of events that another node may have sent before they arrived here.
 const MAX_AHEAD: u64 = 1000;
@@ -68,8 +68,14 @@ impl EventRing {
         events
     }
 
-    /// Collects the events of all nodes; `history` is updated with the recomputations of other processes.
-    pub(super) fn share(shared: SharedEvents, history: Arc<History>, capacity: usize) -> Arc<Self> {
+    /// Collects the events of all nodes; `history` is updated with the recomputations of other processes, and
+    /// `streams` with their alarms and deleted assets.
+    pub(super) fn share(
+        shared: SharedEvents,
+        history: Arc<History>,
+        streams: Arc<Streams>,
+        capacity: usize,
+    ) -> Arc<Self> {
         let SharedEvents { run, backlog, mut receiver } = shared;
         let events = Arc::new(Self {
             run,
@@ -87,6 +93,7 @@ impl EventRing {
         tokio::spawn(async move {
             while let Some(event) = receiver.recv().await {
                 note(&history, &event.event);
+                streams.note_event(&event.event);
                 followed.push(event);
             }
         });

@@ -257,8 +257,8 @@ fn write(
         start_time_ns: nanoseconds(start),
         status: status_name(segment.wear.status),
         median_um: segment.wear.median_um,
-        p05_um: segment.wear.p05_um,
-        p95_um: segment.wear.p95_um,
+        low_um: segment.wear.low_um,
+        high_um: segment.wear.high_um,
         p25_um: segment.wear.p25_um,
         p75_um: segment.wear.p75_um,
     };

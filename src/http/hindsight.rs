@@ -40,10 +40,10 @@ struct HindsightRow {
     segment_id: SegmentId,
     /// Median wear depth in µm.
     median_um: f64,
-    /// 5 % quantile of wear depth in µm.
-    p05_um: f64,
-    /// 95 % quantile of wear depth in µm.
-    p95_um: f64,
+    /// Lower end of the 90 % interval of the wear depth in µm.
+    low_um: f64,
+    /// Upper end of this interval in µm.
+    high_um: f64,
 }
 
 /// Wear in hindsight of an inspection
@@ -80,8 +80,8 @@ pub(super) async fn hindsight(
             start_time: key.start_time,
             segment_id: key.id,
             median_um: wear.median_um?,
-            p05_um: wear.p05_um?,
-            p95_um: wear.p95_um?,
+            low_um: wear.low_um?,
+            high_um: wear.high_um?,
         })
     });
     let view = HindsightView { channel: Some(channel.channel.clone()), items: rows.collect() };

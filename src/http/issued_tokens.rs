@@ -63,7 +63,7 @@ pub(super) struct NewToken {
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TokenRequest {
-    /// Name: 1 to 200 bytes without control characters.
+    /// Name: 1 to 200 characters, none of them control characters.
     #[schema(example = "press line 3")]
     name: String,
     /// Scope.
@@ -195,8 +195,8 @@ fn by(caller: Option<&Caller>) -> &str {
 }
 
 fn check_name(name: &str) -> Result<(), Problem> {
-    if name.trim().is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
-        let expected = "a name of 1 to 200 bytes without control characters";
+    if name.trim().is_empty() || name.chars().count() > MAX_NAME || name.chars().any(char::is_control) {
+        let expected = "a name of 1 to 200 characters, none of them control characters";
         return Err(Problem::content("name", format!("{name:?}"), expected));
     }
     Ok(())

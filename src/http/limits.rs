@@ -24,8 +24,6 @@ pub struct HttpLimits {
     pub write_timeout: Duration,
     /// Requests per second and token.
     pub requests_per_s: NonZeroU32,
-    /// Concurrent live streams.
-    pub streams: usize,
     /// Events kept for clients that reconnect.
     pub events_kept: usize,
     /// Time for a body to arrive.
@@ -52,7 +50,6 @@ impl Default for HttpLimits {
             header_timeout: Duration::from_secs(30),
             write_timeout: Duration::from_secs(60),
             requests_per_s: NonZeroU32::new(2000).unwrap_or(NonZeroU32::MIN),
-            streams: 64,
             events_kept: 4096,
             body_timeout: Duration::from_secs(300),
             body_idle: Duration::from_secs(20),

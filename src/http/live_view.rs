@@ -76,7 +76,6 @@ struct LiveWaiting {
     params(("asset" = AssetId, Path, description = "The asset"), LiveParameters),
     responses(
         (status = 200, body = LiveViewEvent, content_type = "text/event-stream"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
         (status = 503, body = Details, content_type = "application/problem+json", description = "Too many streams are open"),
     ),
 )]

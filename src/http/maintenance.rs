@@ -29,10 +29,10 @@ pub(super) struct Done {
     /// Kind of maintenance.
     #[schema(example = "gear_replaced")]
     kind: MaintenanceKind,
-    /// Name of the person: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 characters.
     #[schema(example = "Ada")]
     by: String,
-    /// Comment: at most 2000 bytes.
+    /// Comment: at most 2000 characters.
     #[serde(default)]
     #[schema(example = "new pair, same drawing")]
     comment: String,

@@ -31,7 +31,7 @@ pub(super) struct MatchView {
     state_index: usize,
     /// Wear depth in µm, the maximum over the flank.
     wear_um: f64,
-    /// 5 % and 95 % quantile of wear depth in µm.
+    /// The 90 % interval of the wear depth in µm.
     interval_um: [f64; 2],
     /// Number of baseline records.
     baseline_records: usize,
@@ -71,7 +71,7 @@ pub(super) async fn show(
     let segment = segments::find(&app, &id).await?;
     let wear = &segment.wear;
     let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) =
-        (&wear.library_id, &wear.best_state, wear.median_um, wear.p05_um, wear.p95_um)
+        (&wear.library_id, &wear.best_state, wear.median_um, wear.low_um, wear.high_um)
     else {
         return Err(Problem::not_found(format!("this record cannot be matched: {}", wear.reason)));
     };

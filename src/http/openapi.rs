@@ -14,6 +14,8 @@ use utoipa::openapi::OpenApi;
 use super::problem::Details;
 use super::request_examples;
 
+mod bounds;
+
 /// Path of the Swagger UI files.
 const UI_FILES: &str = "/docs/ui";
 
@@ -71,6 +73,7 @@ fn document(generated: &OpenApi) -> Value {
         "description": "A token created with `flankwatch token create`; not needed while no tokens exist.",
     }});
     document["security"] = json!([{}, { "token": [] }]);
+    bounds::write_into(&mut document);
     let schemas = document["components"]["schemas"].clone();
     open_what_is_flattened(&mut document, &schemas);
     for (path, method, media_type, example) in request_examples::all() {
@@ -174,4 +177,21 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>(generated: OpenApi) -> Ro
 
 fn typed(media_type: &'static str, bytes: Bytes) -> Response {
     ([(header::CONTENT_TYPE, HeaderValue::from_static(media_type))], bytes).into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_bound_is_of_something_in_the_description() {
+        let generated = super::super::router::operations().to_openapi();
+        let mut document = serde_json::to_value(&generated).unwrap();
+        assert_eq!(bounds::write_into(&mut document), Vec::<String>::new());
+        let spec = |schema: &str| document["components"]["schemas"][schema].clone();
+        assert_eq!(spec("GearSpec")["properties"]["teeth"]["items"]["minimum"], 4);
+        assert_eq!(spec("AssetSpec")["oneOf"][0]["required"][0], "gear");
+        let alarms = &document["paths"]["/v1/alarms"]["get"]["parameters"];
+        assert!(alarms[0]["schema"]["pattern"].is_string(), "{alarms}");
+    }
 }

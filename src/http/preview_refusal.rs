@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::problem::shortened;
 use crate::gear::GearError;
 
 /// An invalid field.
@@ -27,7 +28,7 @@ impl Refusal {
         value: impl ToString,
         expected: impl Into<String>,
     ) -> Self {
-        let (field, value, expected) = (field.into(), value.to_string(), expected.into());
+        let (field, value, expected) = (field.into(), shortened(&value.to_string()), expected.into());
         Self {
             detail: format!("{field} is {value}, expected {expected}"),
             field: Some(field),

@@ -13,6 +13,9 @@ use crate::store::StoreError;
 /// The media type of problem details.
 const MEDIA_TYPE: &str = "application/problem+json";
 
+/// Maximum number of digits of a number in a message that are written out.
+const MAX_DIGITS: usize = 24;
+
 /// A problem with a request.
 #[derive(Debug, Clone)]
 pub(super) struct Problem(Box<Details>);
@@ -134,8 +137,19 @@ impl Problem {
         self
     }
 
+    /// Whether it names a field.
+    pub(super) fn names_a_field(&self) -> bool {
+        self.0.field.is_some()
+    }
+
+    /// Sets the field at fault.
+    pub(super) fn of_field(mut self, field: String) -> Self {
+        self.0.field = Some(field);
+        self
+    }
+
     fn with_field(mut self, field: &str, value: impl ToString, expected: &str) -> Self {
-        let value = value.to_string();
+        let value = shortened(&value.to_string());
         if self.0.detail.is_empty() {
             self.0.detail = format!("{field} is {value}, expected {expected}");
         }
@@ -254,7 +268,6 @@ impl From<ServiceError> for Problem {
             ServiceError::StreamFormat { .. } | ServiceError::StreamTaken => {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
-            ServiceError::StreamsShared => Self::new(StatusCode::NOT_IMPLEMENTED, error.to_string()),
             ServiceError::StreamUnknown { .. }
             | ServiceError::AlarmUnknown(_)
             | ServiceError::MaintenanceUnknown(_)
@@ -266,6 +279,15 @@ impl From<ServiceError> for Problem {
             ServiceError::WorkerLost(_) | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
         }
     }
+}
+
+/// A value with its numbers in scientific notation where they have more digits than anyone reads.
+pub(super) fn shortened(value: &str) -> String {
+    let word = |word: &str| match word.parse::<f64>() {
+        Ok(number) if word.len() > MAX_DIGITS => format!("{number:e}"),
+        _ => word.to_owned(),
+    };
+    value.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
 impl From<AssetError> for Problem {
@@ -292,11 +314,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_are_refused_in_a_cluster_with_an_alternative() {
-        let Problem(details) = ServiceError::StreamsShared.into();
-        assert_eq!(details.status, StatusCode::NOT_IMPLEMENTED);
-        for word in ["live streams", "cluster", "a service with a data folder of its own"] {
-            assert!(details.detail.contains(word), "{}", details.detail);
-        }
+    fn long_numbers_are_shortened() {
+        assert_eq!(shortened(&1e308.to_string()), "1e308");
+        assert_eq!(shortened(&format!("1 to {}", 5e-324)), "1 to 5e-324");
+        assert_eq!(shortened("12345.678 and a name"), "12345.678 and a name");
     }
 }

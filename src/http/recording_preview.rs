@@ -105,8 +105,8 @@ pub(super) async fn recording_preview(
         Some("application/mcap") => first_records,
         other => return Err(body::unsupported(other, EXPECTED)),
     };
-    if let Some(rate) = params.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
-        return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
+    if let Some(rate) = params.sample_rate_hz.filter(|rate| !(1e-6..=1e7).contains(rate)) {
+        return Err(Problem::query("sample_rate_hz", rate, "a rate from 0.000001 to 10000000"));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let bytes = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;

@@ -6,6 +6,7 @@ use axum::Router;
 use axum::http::{HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
+use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::set_header::SetResponseHeaderLayer;
@@ -27,7 +28,7 @@ const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; style-src 'self' 'uns
     object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
 /// The operations of the API and their description.
-fn operations() -> OpenApiRouter<App> {
+pub(super) fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(assets::list, assets::create))
         .routes(routes!(assets::show, assets::replace, assets::remove))
@@ -110,7 +111,8 @@ pub(super) fn router(app: App) -> Router {
         .layer(from_fn_with_state(app.clone(), head::layer))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
-        .layer(CompressionLayer::new().gzip(true))
+        // the default level takes two to five times as long, for answers 7 to 9 % smaller
+        .layer(CompressionLayer::new().gzip(true).quality(CompressionLevel::Fastest))
         .layer(set(header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY))
         .layer(set(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(set(header::REFERRER_POLICY, "no-referrer"))

@@ -175,7 +175,10 @@ async fn start_as(
     let uploads = folders.uploads.clone();
     let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
     let events = match shared {
-        Some(shared) => EventRing::share(shared, Arc::clone(&service.history), config.http.events_kept),
+        Some(shared) => {
+            let (history, streams) = (Arc::clone(&service.history), Arc::clone(&service.streams));
+            EventRing::share(shared, history, streams, config.http.events_kept)
+        }
         None => {
             let run = format!("{:x}", clock.now().as_nanosecond());
             EventRing::follow(service.events.follow(), run, config.http.events_kept)
@@ -203,7 +206,6 @@ async fn start_as(
         lines: Arc::default(),
         previews: Arc::default(),
         event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
-        streams: Shares::new(limits.streams, limits.streams.saturating_mul(3) / 4),
         write_probe: Arc::default(),
         queue_watch: Arc::default(),
     };

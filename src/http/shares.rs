@@ -1,40 +1,17 @@
-//! Fair shares of limited resources per client: connections, event streams.
+//! The client of a request, which has a share of limited resources.
 
-use std::collections::HashMap;
 use std::convert::Infallible;
 use std::net::IpAddr;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-use sha2::{Digest, Sha256};
 
 use super::session::Caller;
-
-/// A client: the bearer of a token or, without tokens, an address.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) enum Client {
-    /// Identified by the token's id.
-    Token(String),
-    /// Identified by the peer address: that of the proxy if there is one.
-    Address(Option<IpAddr>),
-}
+pub(super) use crate::service::{Client, Share, Shares};
 
 /// The peer address of a connection.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PeerAddress(pub(super) IpAddr);
-
-impl Client {
-    /// Eight hexadecimal digits that are stable for a client and rarely equal for two.
-    pub(super) fn mark(&self) -> String {
-        let text = match self {
-            Self::Token(id) => format!("token {id}"),
-            Self::Address(Some(address)) => format!("address {address}"),
-            Self::Address(None) => String::new(),
-        };
-        hex::encode(&Sha256::digest(text)[..4])
-    }
-}
 
 impl<S: Sync> FromRequestParts<S> for Client {
     type Rejection = Infallible;
@@ -43,82 +20,5 @@ impl<S: Sync> FromRequestParts<S> for Client {
         let caller = parts.extensions.get::<Caller>();
         let address = parts.extensions.get::<PeerAddress>().map(|address| address.0);
         Ok(caller.map_or(Self::Address(address), |caller| Self::Token(caller.token.id.clone())))
-    }
-}
-
-/// A number of places with a limit per client.
-#[derive(Debug, Clone)]
-pub(super) struct Shares {
-    max: usize,
-    max_per_client: usize,
-    occupied: Arc<Mutex<Occupied>>,
-}
-
-#[derive(Debug, Default)]
-struct Occupied {
-    all: usize,
-    by_client: HashMap<Client, usize>,
-}
-
-/// An occupied place, freed on drop.
-#[derive(Debug)]
-pub(super) struct Share {
-    client: Client,
-    occupied: Arc<Mutex<Occupied>>,
-}
-
-impl Shares {
-    pub(super) fn new(max: usize, max_per_client: usize) -> Self {
-        Self { max: max.max(1), max_per_client: max_per_client.max(1), occupied: Arc::default() }
-    }
-
-    /// Takes a place for a client; `None` if all places or its own share are taken.
-    pub(super) fn take(&self, client: Client) -> Option<Share> {
-        let mut occupied = lock(&self.occupied);
-        let of_client = occupied.by_client.get(&client).copied().unwrap_or_default();
-        if occupied.all >= self.max || of_client >= self.max_per_client {
-            return None;
-        }
-        occupied.all += 1;
-        occupied.by_client.insert(client.clone(), of_client + 1);
-        let occupied = Arc::clone(&self.occupied);
-        Some(Share { client, occupied })
-    }
-}
-
-impl Drop for Share {
-    fn drop(&mut self) {
-        let mut occupied = lock(&self.occupied);
-        occupied.all -= 1;
-        if let Some(of_client) = occupied.by_client.get_mut(&self.client) {
-            *of_client -= 1;
-            if *of_client == 0 {
-                occupied.by_client.remove(&self.client);
-            }
-        }
-    }
-}
-
-fn lock(occupied: &Mutex<Occupied>) -> MutexGuard<'_, Occupied> {
-    occupied.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_client_leaves_places_to_the_others() {
-        let shares = Shares::new(3, 2);
-        let (one, other) = (Client::Token("one".to_owned()), Client::Address(None));
-        let mut held = vec![shares.take(one.clone()).unwrap(), shares.take(one.clone()).unwrap()];
-        assert!(shares.take(one.clone()).is_none(), "its own are occupied");
-        held.push(shares.take(other.clone()).unwrap());
-        assert!(shares.take(other.clone()).is_none(), "all are occupied");
-        held.remove(0);
-        held.push(shares.take(other.clone()).unwrap());
-        drop(held);
-        assert!(lock(&shares.occupied).by_client.is_empty());
-        assert_ne!(one.mark(), other.mark());
     }
 }

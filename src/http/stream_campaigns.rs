@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::streams::DEFAULT_NAME;
 use crate::asset::AssetId;
@@ -72,7 +72,6 @@ impl From<CampaignStatus> for CampaignView {
     params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
     responses(
         (status = 200, body = CampaignView),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn begin(

@@ -200,7 +200,9 @@ impl Connection {
             return Err(Closing::new(4401, "the token was revoked"));
         }
         match self.sender.refresh().await {
-            Err(error @ ServiceError::Store(StoreError::AssetUnknown(_))) => Err(error.into()),
+            Err(error @ (ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamTaken)) => {
+                Err(error.into())
+            }
             // the database may be back at the next check; the stream does not wait for it
             _ => Ok(()),
         }

@@ -19,6 +19,8 @@ pub(super) struct StreamView {
     channels: usize,
     /// Unit of the samples, if specified by the sender.
     unit: Option<String>,
+    /// The channel that is a tachometer.
+    tachometer: Option<StreamTachometerView>,
     /// Index of the next expected sample: all earlier ones are stored or known to be missing.
     pub(super) next: Option<u64>,
     /// The time of that sample.
@@ -42,6 +44,19 @@ pub(super) struct StreamView {
     journal_bytes: u64,
     /// The running measuring campaign, or the last one.
     campaign: Option<CampaignView>,
+}
+
+/// A channel of a stream that is the signal of a tachometer.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct StreamTachometerView {
+    /// Its name.
+    channel: String,
+    /// Level at which a pulse begins.
+    level: f64,
+    /// By how much the signal falls below the level between two pulses.
+    hysteresis: f64,
+    /// Pulses per revolution of the driving shaft.
+    pulses_per_revolution: u32,
 }
 
 /// The result of sending samples.
@@ -104,7 +119,14 @@ pub(super) struct KeptView {
 impl From<StreamStatus> for StreamView {
     fn from(status: StreamStatus) -> Self {
         let format = &status.format;
+        let tachometer = format.tachometer().map(|tachometer| StreamTachometerView {
+            channel: format.name_of(tachometer),
+            level: tachometer.level(),
+            hysteresis: tachometer.hysteresis(),
+            pulses_per_revolution: tachometer.pulses_per_revolution(),
+        });
         Self {
+            tachometer,
             sample: format.sample().name(),
             sample_rate_hz: format.sample_rate_hz(),
             channels: format.channels(),

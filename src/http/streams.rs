@@ -60,6 +60,15 @@ pub(super) struct StreamParameters {
     unit: Option<String>,
     /// Names of the channels in order, comma-separated.
     channel_names: Option<String>,
+    /// Name of the channel that is the signal of a tachometer on the driving shaft: records get its pulses
+    /// instead of the channel.
+    tachometer_channel: Option<String>,
+    /// Level in `unit` at which a pulse begins. Required with `tachometer_channel`.
+    tachometer_level: Option<f64>,
+    /// By how much the signal falls below the level between two pulses; default half the level.
+    tachometer_hysteresis: Option<f64>,
+    /// Pulses per revolution of `tachometer_channel`, default 1.
+    pulses_per_revolution: Option<u32>,
     /// Index of the first sample in the body; by default the next one. For a new stream over a WebSocket: its
     /// first index.
     #[serde(default, deserialize_with = "sample_index")]
@@ -117,8 +126,27 @@ impl StreamParameters {
         let rate_hz = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let names = self.channel_names.iter().flat_map(|names| names.split(','));
         let names = names.map(|name| name.trim().to_owned()).collect();
-        StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1).into(), self.scale)
+        let format = StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1).into(), self.scale)
             .and_then(|format| format.with_names(self.unit.clone(), names))
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+        self.with_tachometer(format)
+    }
+
+    fn with_tachometer(&self, format: StreamFormat) -> Result<StreamFormat, Problem> {
+        let Some(channel) = &self.tachometer_channel else {
+            let is_without = self.tachometer_level.is_none()
+                && self.tachometer_hysteresis.is_none()
+                && self.pulses_per_revolution.is_none();
+            let expected = "the name of a channel, as other parameters of a tachometer are given";
+            let missing = || Problem::query("tachometer_channel", "missing", expected);
+            return is_without.then_some(format).ok_or_else(missing);
+        };
+        let expected = "the level at which a pulse begins, required with tachometer_channel";
+        let missing = || Problem::query("tachometer_level", "missing", expected);
+        let level = self.tachometer_level.ok_or_else(missing)?;
+        let of_revolution = self.pulses_per_revolution.unwrap_or(1);
+        format
+            .with_tachometer(channel.trim(), level, self.tachometer_hysteresis, of_revolution)
             .map_err(|error| Problem::from(ServiceError::Recording(error)))
     }
 
@@ -144,7 +172,7 @@ async fn open(
     }
     let format = params.format()?;
     let too_many = || Problem::busy("too many live streams of this client or in total", 30);
-    let share = app.streams.take(client).ok_or_else(too_many)?;
+    let share = app.service.stream_places.take(client).ok_or_else(too_many)?;
     let sender = app.service.streams.open(asset, params.name(), format, params.first_index).await?;
     Ok(OpenStream { sender, share })
 }
@@ -164,7 +192,6 @@ async fn open(
         (status = 101, description = "Messages of `docs/streams.md` follow"),
         (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format"),
         (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid format"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn connect(
@@ -202,7 +229,6 @@ pub(super) async fn connect(
     responses(
         (status = 200, body = StreamAnswer),
         (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection is sending it"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn send(

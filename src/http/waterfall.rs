@@ -17,6 +17,9 @@ use crate::asset::{Segment, SegmentId};
 use crate::service::ServiceError;
 use crate::signal::Spectrum;
 
+/// Maximum end of the last cell, in the unit of the axis.
+const MAX_END: f64 = 1e9;
+
 /// Default and maximum number of records and cells.
 const RECORDS: (usize, usize) = (200, 600);
 const CELLS: (usize, usize) = (400, 2000);
@@ -47,7 +50,7 @@ pub(super) struct WaterfallParameters {
     #[param(minimum = 2, maximum = 2000)]
     cells: Option<usize>,
     /// End of the last cell, in the unit of the axis.
-    #[param(exclusive_minimum = 0.0)]
+    #[param(exclusive_minimum = 0.0, maximum = 1e9)]
     max: Option<f64>,
 }
 
@@ -109,8 +112,8 @@ pub(super) async fn show(
 ) -> Result<Json<WaterfallView>, Problem> {
     let records = within("max_records", params.max_records, RECORDS)?;
     let cells = within("cells", params.cells, CELLS)?;
-    if let Some(max) = params.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
-        return Err(Problem::query("max", max, "a number above 0"));
+    if let Some(max) = params.max.filter(|max| !(*max > 0.0 && *max <= MAX_END)) {
+        return Err(Problem::query("max", max, "a number above 0 and at most 1e9"));
     }
     let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut view = WaterfallView {

@@ -123,8 +123,8 @@ pub(super) struct HistoryParameters {
     to: Option<Timestamp>,
     /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Maximum number of points, 10 to 200000; the minimum and maximum of median, 5 and 95 % quantile and
-    /// reference depth in each interval are kept.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of median, ends of the 90 %
+    /// interval and reference depth in each part of the time are kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -159,14 +159,14 @@ struct HistoryRow {
     median_um: Option<f64>,
     /// Mean wear depth in µm.
     mean_um: Option<f64>,
-    /// 5 % quantile of wear depth in µm.
-    p05_um: Option<f64>,
+    /// Lower end of the 90 % interval of the wear depth in µm.
+    low_um: Option<f64>,
     /// 25 % quantile of wear depth in µm.
     p25_um: Option<f64>,
     /// 75 % quantile of wear depth in µm.
     p75_um: Option<f64>,
-    /// 95 % quantile of wear depth in µm.
-    p95_um: Option<f64>,
+    /// Upper end of the 90 % interval in µm.
+    high_um: Option<f64>,
     /// Wear depth in µm known from another source.
     reference_wear_um: Option<f64>,
     /// Natural logarithm of the record's evidence under the library.
@@ -223,10 +223,10 @@ fn table_of(view: &HistoryView) -> Table {
     table.words("reason", rows().map(|row| row.reason.clone()));
     table.numbers("median_um", "µm", rows().map(|row| row.median_um));
     table.numbers("mean_um", "µm", rows().map(|row| row.mean_um));
-    table.numbers("p05_um", "µm", rows().map(|row| row.p05_um));
+    table.numbers("low_um", "µm", rows().map(|row| row.low_um));
     table.numbers("p25_um", "µm", rows().map(|row| row.p25_um));
     table.numbers("p75_um", "µm", rows().map(|row| row.p75_um));
-    table.numbers("p95_um", "µm", rows().map(|row| row.p95_um));
+    table.numbers("high_um", "µm", rows().map(|row| row.high_um));
     table.numbers("reference_wear_um", "µm", rows().map(|row| row.reference_wear_um));
     table.numbers("log_evidence", "1", rows().map(|row| row.log_evidence));
     table
@@ -239,8 +239,8 @@ fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_point
     };
     let columns = [
         column(|point| point.median_um),
-        column(|point| point.p05_um),
-        column(|point| point.p95_um),
+        column(|point| point.low_um),
+        column(|point| point.high_um),
         column(|point| point.reference_wear_um),
     ];
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
@@ -256,10 +256,10 @@ fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_point
             reason: point.reason.to_string(),
             median_um: point.median_um,
             mean_um: point.mean_um,
-            p05_um: point.p05_um,
+            low_um: point.low_um,
             p25_um: point.p25_um,
             p75_um: point.p75_um,
-            p95_um: point.p95_um,
+            high_um: point.high_um,
             reference_wear_um: point.reference_wear_um,
             log_evidence: point.log_evidence,
         }

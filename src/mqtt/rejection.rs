@@ -55,7 +55,7 @@ impl Rejection {
                 413 => "Payload Too Large",
                 415 => "Unsupported Media Type",
                 422 => "Unprocessable Entity",
-                501 => "Not Implemented",
+                503 => "Service Unavailable",
                 _ => "Internal Server Error",
             },
             status,
@@ -136,7 +136,6 @@ impl From<ServiceError> for FailureAction {
             ServiceError::SensorOfOther { .. }
             | ServiceError::SensorShared { .. }
             | ServiceError::StreamFormat { .. } => Self::Reject(Rejection::new(409, error.to_string())),
-            ServiceError::StreamsShared => Self::Reject(Rejection::new(501, error.to_string())),
             // The next attempt takes the stream back, and continues where the other sender stopped.
             ServiceError::StreamTaken => Self::Retry(error.to_string()),
             ServiceError::RawDeleted(_) => Self::Reject(Rejection::new(410, error.to_string())),
@@ -204,11 +203,6 @@ mod tests {
         assert!(
             matches!(&action, FailureAction::Reject(rejection) if rejection.0.status == 409),
             "{action:?}"
-        );
-        let shared = FailureAction::from(ServiceError::StreamsShared);
-        assert!(
-            matches!(&shared, FailureAction::Reject(rejection) if rejection.0.status == 501),
-            "{shared:?}"
         );
         let missing = StoreError::ObjectMissing("ab".to_owned());
         assert!(matches!(

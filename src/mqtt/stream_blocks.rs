@@ -15,7 +15,7 @@ use super::rejection::{FailureAction, Rejection};
 use super::topic::Address;
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{Pulses, Service, ServiceError, StreamSender};
+use crate::service::{Client, Pulses, Service, ServiceError, Share, StreamSender};
 use crate::signal::{OperatingPoint, Record};
 
 /// Time after which the samples that a waiting block lacks count as lost: a broker delivers in order.
@@ -110,6 +110,8 @@ struct PointStream {
     address: Address,
     stop: watch::Receiver<bool>,
     sender: Option<StreamSender>,
+    /// Its place among the streams sent at the same time, until it is idle.
+    share: Option<Share>,
     refreshed_at: Instant,
     operating_point: OperatingPoint,
     /// Time after the last stored sample, by the sender's clock.
@@ -124,6 +126,7 @@ impl PointStream {
             address,
             stop,
             sender: None,
+            share: None,
             refreshed_at: Instant::now(),
             operating_point: OperatingPoint::default(),
             newest: None,
@@ -219,8 +222,22 @@ impl PointStream {
         Ok(())
     }
 
+    /// Opens the stream, for which there must be a place.
+    async fn open(&mut self, service: &Service, format: StreamFormat) -> Result<(), FailureAction> {
+        let is_new = self.share.is_none();
+        if is_new {
+            // Holding the block would not help: it would take the slots of points that have a place.
+            self.share = Some(service.stream_places.take(Client::Feed("mqtt")).ok_or_else(too_many)?);
+        }
+        let opened = self.open_stream(service, format).await;
+        if opened.is_err() && is_new {
+            self.share = None;
+        }
+        Ok(opened?)
+    }
+
     /// Opens the stream, and passes the waiting blocks to it again.
-    async fn open(&mut self, service: &Service, format: StreamFormat) -> Result<(), ServiceError> {
+    async fn open_stream(&mut self, service: &Service, format: StreamFormat) -> Result<(), ServiceError> {
         let Address { asset, point } = &self.address;
         self.sender = None;
         let mut sender = service.streams.open(asset, point, format, None).await?;
@@ -271,6 +288,11 @@ impl PointStream {
         tracing::warn!(reason, asset = %self.address.asset, "failed to skip the lost samples of a stream");
         self.sender = None;
     }
+}
+
+fn too_many() -> FailureAction {
+    let detail = "too many live streams at the same time: a broker may have three quarters of limits.streams";
+    FailureAction::Reject(Rejection::new(503, detail))
 }
 
 /// Checks that a block whose samples are all stored is a repeated one, by its time.

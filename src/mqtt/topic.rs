@@ -60,12 +60,12 @@ pub(super) fn read(root: &str, topic: &str) -> Result<(Address, Content), Reject
         let expected = "an asset of 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit";
         return Err(Rejection::field(400, "topic", topic, expected));
     };
-    if point.is_empty() || point.len() > 200 || point.chars().any(char::is_control) {
+    if point.is_empty() || point.chars().count() > 200 || point.chars().any(char::is_control) {
         return Err(Rejection::field(
             400,
             "topic",
             topic,
-            "a point of 1 to 200 bytes without control characters",
+            "a point of 1 to 200 characters, none of them control characters",
         ));
     }
     Ok((Address { asset, point: point.to_owned() }, content))

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::Report;
 use super::chart::Mark;
-use super::page::escape;
+use super::page::{INDICATORS, escape};
 use crate::estimate::{
     AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent,
     MaintenanceKind, PanelChange, RatedQuantity, Severity,
@@ -204,12 +204,25 @@ pub fn quantity_words(quantity: &AlarmQuantity) -> String {
         AlarmQuantity::JointNovelty => "Novelty of all channels together (−log₁₀ p)".to_owned(),
         AlarmQuantity::SensorFault => "Sensor fault (0 or 1)".to_owned(),
         AlarmQuantity::StaleS => "Time without a record (s)".to_owned(),
-        AlarmQuantity::Indicator(name) => format!("Indicator {name}"),
+        AlarmQuantity::Indicator(name) => indicator_words(name),
         AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => "Change of the wear depth (µm a day)".to_owned(),
         AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty a day".to_owned(),
         AlarmQuantity::RatePerDay(RatedQuantity::Indicator(name)) => {
-            format!("Change of the indicator {name} a day")
+            format!("Change a day: {}", indicator_words(name))
         }
+    }
+}
+
+/// An indicator in words.
+fn indicator_words(name: &str) -> String {
+    let known = INDICATORS.iter().find(|(known, ..)| *known == name);
+    if let Some((_, heading, _)) = known {
+        return (*heading).to_owned();
+    }
+    let ratio = name.strip_prefix("bearing_").and_then(|rest| rest.strip_suffix("_to_background"));
+    match ratio.and_then(|rest| rest.rsplit_once('_')) {
+        Some((bearing, line)) => format!("{} of {bearing}, to background", line.to_uppercase()),
+        None => format!("Indicator {name}"),
     }
 }
 

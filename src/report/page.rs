@@ -89,6 +89,9 @@ pub(super) fn html(report: &Report) -> String {
 
 pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
+/// An interval below which a forecast has times, not only dates.
+const SHORT_FORECAST: jiff::SignedDuration = jiff::SignedDuration::from_hours(72);
+
 /// Writes the latest estimate and the facts about the asset.
 fn summary(report: &Report, body: &mut String) {
     let latest =
@@ -96,7 +99,7 @@ fn summary(report: &Report, body: &mut String) {
     let error = latest
         .and_then(|record| record.wear.as_ref()?.transmission_error_um.as_ref().map(transmission_words));
     let mut facts: Vec<(&str, &str)> =
-        latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
+        latest.iter().map(|record| (term_of(record), record.wear_words.as_str())).collect();
     facts.extend(error.iter().map(|words| ("Transmission error due to wear", words.as_str())));
     let forecast = latest.and_then(|record| record.wear.as_ref()?.prognosis.as_ref().map(forecast_words));
     facts.extend(forecast.iter().map(|words| ("Forecast", words.as_str())));
@@ -113,8 +116,10 @@ fn summary(report: &Report, body: &mut String) {
 
 /// The time at which the next limit is reached, in words.
 fn forecast_words(forecast: &Prognosis) -> String {
-    let day = |time: &jiff::Timestamp| time.strftime("%Y-%m-%d").to_string();
     let Prognosis { limit_um, rate_um_per_day, median, p05, p95 } = forecast;
+    let is_soon = p95.as_ref().unwrap_or(median).duration_since(*p05) < SHORT_FORECAST;
+    let format = if is_soon { MINUTES } else { "%Y-%m-%d" };
+    let day = |time: &jiff::Timestamp| time.strftime(format).to_string();
     let interval = p95.as_ref().map_or_else(
         || format!("not before {} with 95 % probability", day(p05)),
         |p95| format!("between {} and {} with 90 % probability", day(p05), day(p95)),
@@ -139,7 +144,7 @@ fn transmission_words(error: &Interval) -> String {
 
 /// The wear of a record in a cell of the table; `None` without a depth.
 fn depth_words(wear: &WearEstimate) -> Option<String> {
-    let (median, low, high) = (wear.median_um?, wear.p05_um?, wear.p95_um?);
+    let (median, low, high) = (wear.median_um?, wear.low_um?, wear.high_um?);
     let known_least = wear.at_least_um.filter(|_| wear.status == WearStatus::Estimated);
     Some(known_least.map_or_else(
         || format!("{median:.0} ({low:.0} to {high:.0})"),
@@ -157,7 +162,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
     }
     let edges = records.iter().filter_map(|record| {
         let wear = record.wear.as_ref()?;
-        Some((seconds(record), wear.p05_um?, wear.p95_um?))
+        Some((seconds(record), wear.low_um?, wear.high_um?))
     });
     let mut series = vec![Series { name: "median".to_owned(), points: median, class: "one" }];
     let reference = of(|record| record.reference_wear_um);
@@ -187,7 +192,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
     let caption = format!(
         "Channel {channel}: median, and the interval that contains the wear depth with 90 % probability."
     );
-    section("Wear depth", &caption, &chart, Some("5 % to 95 %"), body);
+    section("Wear depth", &caption, &chart, Some("90 % interval"), body);
 }
 
 fn indicator_section(
@@ -273,15 +278,25 @@ fn table(report: &Report, body: &mut String) {
     let _ = write!(
         body,
         "<h2>Records</h2>{which}<table><thead><tr><th>Start (UTC)</th><th>Channel</th><th>Shaft (Hz)</th><th>RMS ({unit})</th>\
-         <th>Kurtosis (–)</th><th>OMX ({unit})</th><th>FM4 (–)</th><th>NA4 (–)</th><th>Wear, 5 to 95 % (µm)</th><th>Shaft angle</th><th>Record</th>\
+         <th>Kurtosis (–)</th><th>OMX ({unit})</th><th>FM4 (–)</th><th>NA4 (–)</th><th>Wear, 90 % interval (µm)</th><th>Shaft angle</th><th>Record</th>\
          </tr></thead><tbody>{rows}</tbody></table>"
     );
+}
+
+/// What the words about a record are of: of its wear, or without a depth of the machine's condition.
+fn term_of(record: &ReportedRecord) -> &'static str {
+    if record.wear.as_ref().and_then(depth_words).is_some() { "Wear" } else { "Condition" }
+}
+
+/// The first part of a reason: the table of records is no place for all of it.
+fn first_part(reason: &str) -> &str {
+    reason.split_once("; ").map_or(reason, |(first, _)| first)
 }
 
 fn row(record: &ReportedRecord) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
     let wear = record.wear.as_ref().and_then(depth_words).map_or_else(
-        || format!("<td class=\"words\">{}</td>", escape(&record.wear_words)),
+        || format!("<td class=\"words\">{}</td>", escape(first_part(&record.wear_words))),
         |depths| format!("<td>{depths}</td>"),
     );
     format!(
@@ -322,11 +337,11 @@ pub(super) mod tests {
     use super::*;
     use crate::estimate::BaselineProgress;
 
-    /// An estimate with its 5 % quantile, median and 95 % quantile.
+    /// An estimate with its lower end, median and upper end.
     pub(in crate::report) fn estimated([low, median, high]: [f64; 3]) -> WearEstimate {
         let baseline = BaselineProgress { have: 20, need: 20 };
         let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
-        (wear.p05_um, wear.median_um, wear.p95_um) = (Some(low), Some(median), Some(high));
+        (wear.low_um, wear.median_um, wear.high_um) = (Some(low), Some(median), Some(high));
         wear
     }
 
@@ -366,6 +381,10 @@ pub(super) mod tests {
         forecast.p95 = None;
         let open = "120 µm around 2026-05-20, not before 2026-05-02 with 95 % probability, at 1.25 µm a day";
         assert!(page(&forecast).contains(open), "{}", page(&forecast));
+        forecast.p05 = day("2026-05-20T10:30:00Z");
+        let soon =
+            "120 µm around 2026-05-20 12:00 UTC, not before 2026-05-20 10:30 UTC with 95 % probability";
+        assert!(page(&forecast).contains(soon), "{}", page(&forecast));
     }
 
     #[test]

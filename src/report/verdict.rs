@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::page::escape;
 use super::{Report, quantity_words};
-use crate::estimate::Severity;
+use crate::estimate::{AlarmQuantity, Severity};
 
 /// Writes the verdict, below the title.
 pub(super) fn write(report: &Report, body: &mut String) {
@@ -18,9 +18,13 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
         return ("none", "No verdict", "there are no records".to_owned());
     };
     let raised = report.alarms.iter().filter_map(|alarm| Some((alarm.severity?, alarm)));
+    let limited = wear_beyond(report);
+    // of the alarm and the limit on the same depth, the limit says more
+    let raised = raised.filter(|(severity, alarm)| {
+        alarm.quantity != AlarmQuantity::WearUm || limited.as_ref().is_none_or(|(at, _)| at != severity)
+    });
     let raised = raised.map(|(severity, alarm)| (severity, quantity_words(&alarm.quantity)));
-    let limited = wear_beyond(report).into_iter();
-    let all: Vec<(Severity, String)> = limited.chain(raised).collect();
+    let all: Vec<(Severity, String)> = limited.iter().cloned().chain(raised).collect();
     let of = |wanted: Severity| -> Vec<&str> {
         let matching = all.iter().filter(|(severity, _)| *severity == wanted);
         matching.map(|(_, words)| words.as_str()).collect()
@@ -55,7 +59,7 @@ fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
 mod tests {
     use super::*;
     use crate::asset::WearLimits;
-    use crate::estimate::{AlarmQuantity, AlarmState};
+    use crate::estimate::AlarmState;
     use crate::report::ReportedAlarm;
     use crate::report::page::tests::{estimated, record};
 
@@ -78,10 +82,15 @@ mod tests {
             severity: Some(Severity::Warning),
             history: Vec::new(),
         }];
-        assert_eq!(words(&report), "Warning: Indicator rms");
+        assert_eq!(words(&report), "Warning: RMS");
         report.limits = WearLimits { warning_um: Some(120.0), danger_um: None };
-        assert_eq!(words(&report), "Warning: wear depth 220 µm, warning limit 120 µm; Indicator rms");
-        report.limits.danger_um = Some(200.0);
+        assert_eq!(words(&report), "Warning: wear depth 220 µm, warning limit 120 µm; RMS");
+        let of_depth = ReportedAlarm { quantity: AlarmQuantity::WearUm, ..report.alarms[0].clone() };
+        report.alarms.push(of_depth);
+        assert_eq!(words(&report), "Warning: wear depth 220 µm, warning limit 120 µm; RMS");
+        report.limits.warning_um = Some(250.0);
+        assert_eq!(words(&report), "Warning: RMS; Wear depth (µm)");
+        report.limits = WearLimits { warning_um: Some(120.0), danger_um: Some(200.0) };
         assert_eq!(words(&report), "Danger: wear depth 220 µm, danger limit 200 µm");
         let mut body = String::new();
         write(&report, &mut body);

@@ -101,8 +101,8 @@ pub enum ServiceError {
     },
     /// A live stream has another format than the one requested.
     #[error(
-        "stream {name:?} of asset {asset} has a different sample, sample_rate_hz, channels, scale, unit or channel_names: \
-                 send the same format, or use another name"
+        "stream {name:?} of asset {asset} has a different sample, sample_rate_hz, channels, scale, unit, channel_names \
+                 or tachometer: send the same format, or use another name"
     )]
     StreamFormat {
         /// The asset.
@@ -113,11 +113,6 @@ pub enum ServiceError {
     /// Another connection has taken over a live stream.
     #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,
-    /// Live streams need a data folder, which belongs to one process.
-    #[error(
-        "live streams are not supported in a cluster: send them to a service with a data folder of its own"
-    )]
-    StreamsShared,
     /// There is no such replay.
     #[error("there is no replay {0:?}")]
     ReplayUnknown(String),

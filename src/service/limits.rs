@@ -19,6 +19,8 @@ pub struct WorkLimits {
     pub bytes_at_once: usize,
     /// Maximum number of whole recordings (uploads of many records, replays) read at the same time.
     pub recordings_at_once: usize,
+    /// Number of live streams sent at the same time.
+    pub streams_at_once: usize,
     /// The neighbours of each asset's pair that are simulated in the background in addition to its library.
     pub neighbours: EnsembleSettings,
     /// Quotas of raw bytes.
@@ -39,6 +41,7 @@ impl Default for WorkLimits {
             requests_at_once: 64,
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,
+            streams_at_once: 64,
             neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
             quarantined_for: Duration::from_secs(30 * 24 * 3600),

@@ -52,6 +52,7 @@ mod removal;
 mod replay;
 mod replays;
 mod sensor_group;
+mod shares;
 mod silence;
 mod simulations;
 mod streams;
@@ -84,6 +85,7 @@ pub use record::{
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::{ReplayFile, Replays};
+pub(crate) use shares::{Client, Share, Shares};
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub(crate) use streams::Pulses;
 pub use streams::{

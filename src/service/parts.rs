@@ -19,6 +19,7 @@ use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
 use super::removal::Removals;
 use super::replays::{Replays, prepare_folders};
+use super::shares::Shares;
 use super::simulations::{LibrarySource, Simulations};
 use super::streams::Streams;
 use super::tally::Tally;
@@ -63,6 +64,8 @@ pub struct Service {
     pub replays: Replays,
     /// Live streams.
     pub streams: Arc<Streams>,
+    /// The places of streams that are sent at the same time, by requests and over MQTT.
+    pub(crate) stream_places: Shares,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
     /// Sources of records other than HTTP.
@@ -204,9 +207,11 @@ impl Service {
                 Arc::clone(&workers),
                 Arc::clone(&pipeline),
                 Arc::clone(&clock),
-                events.clone(),
+                // The workers' alarms arrive at an API node with the events of all processes.
+                if role.is_api_node() { Announcer::default() } else { events.clone() },
                 folders.streams,
             ),
+            stream_places: Shares::new(limits.streams_at_once, limits.streams_at_once.saturating_mul(3) / 4),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,
@@ -234,10 +239,14 @@ impl Service {
     /// asset, recomputes what was computed under other settings, and moves raw objects that no record refers
     /// to into quarantine. On a shared store it also finishes what other processes left undone.
     ///
-    /// Does nothing on an API node, where the workers do this, and nothing on a damaged database.
+    /// On an API node the workers do this, except for the live streams, which need the nodes. Nothing is done
+    /// on a damaged database.
     pub async fn resume(&self) -> Result<(), ServiceError> {
-        if self.role.is_api_node() || self.store.damage().is_some() {
+        if self.store.damage().is_some() {
             return Ok(());
+        }
+        if self.role.is_api_node() {
+            return self.streams.resume().await;
         }
         let mut after: Option<String> = None;
         let (mut all, mut members) = (Vec::new(), Vec::new());
@@ -271,6 +280,9 @@ impl Service {
                 interval: self.upkeep_interval,
             };
             upkeep.in_background();
+            if matches!(self.role, Role::Standalone) {
+                self.streams.resume().await?;
+            }
             return Ok(());
         }
         self.replays.resume().await?;

@@ -62,8 +62,7 @@ impl Database {
         sqlx::any::install_default_drivers();
         let url = sqlite_url(&path, "rwc");
         integrity::check_header(&path)?;
-        integrity::check_schema(&path, &url).await?;
-        let damage = integrity::check_pages(&path, url.clone()).await?;
+        let damage = check(&path, &url).await?;
         let write = pool(&url, 1).await?;
         let mut connection = write.acquire().await?;
         schema::migrate(&mut connection, Dialect::Sqlite)
@@ -81,7 +80,10 @@ impl Database {
             fs::canonicalize(&path).map_err(|source| file_error("find the database", &path, source))?;
         sqlx::any::install_default_drivers();
         integrity::check_header(&path)?;
-        integrity::check_schema(&path, &sqlite_url(&path, "ro")).await?;
+        let named = |error| integrity::named(&path, error);
+        let mut connection = AnyConnection::connect(&sqlite_url(&path, "ro")).await.map_err(named)?;
+        integrity::check_schema(&mut connection).await.map_err(named)?;
+        connection.close().await?;
         let read = AnyPoolOptions::new()
             .max_connections(2)
             .acquire_timeout(std::time::Duration::from_secs(10))
@@ -162,11 +164,17 @@ async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
     Ok(())
 }
 
+/// Checks a database as far as a start waits for, by a connection of its own: a pool would retry for half a
+/// minute, and then hide the cause of a failure.
+async fn check(path: &Path, url: &str) -> Result<Damage, StoreError> {
+    let named = |error| integrity::named(path, error);
+    let mut connection = AnyConnection::connect(url).await.map_err(named)?;
+    integrity::check_schema(&mut connection).await.map_err(named)?;
+    prepare(&mut connection).await.map_err(named)?;
+    integrity::check_pages(path, connection).await
+}
+
 async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
-    // A pool retries for half a minute, and then hides the cause of a failure.
-    let mut first = AnyConnection::connect(url).await?;
-    prepare(&mut first).await?;
-    first.close().await?;
     AnyPoolOptions::new()
         .max_connections(connections)
         // A file does not hang up: a ping would only cost a round trip to the connection's thread.

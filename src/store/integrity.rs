@@ -59,12 +59,11 @@ pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
 }
 
 /// Checks every page of a database, in the background if that takes longer than a fraction of a second.
-/// Records the damage that is found.
-pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, StoreError> {
+/// Records the damage that is found, and closes the connection.
+pub(super) async fn check_pages(path: &Path, mut connection: AnyConnection) -> Result<Damage, StoreError> {
     let damage = Damage::default();
     let noted = damage.clone();
     let look = tokio::spawn(async move {
-        let mut connection = AnyConnection::connect(&url).await?;
         let found = findings(&mut connection, "PRAGMA quick_check(4)").await;
         connection.close().await?;
         match found {
@@ -86,13 +85,8 @@ pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, Stor
 }
 
 /// Returns an error if the tables of a database cannot be read. A pool would retry again and again.
-pub(super) async fn check_schema(path: &Path, url: &str) -> Result<(), StoreError> {
-    let read = async {
-        let mut connection = AnyConnection::connect(url).await?;
-        sqlx::query("SELECT COUNT(*) FROM sqlite_master").fetch_one(&mut connection).await?;
-        connection.close().await
-    };
-    read.await.map_err(|error| named(path, error))
+pub(super) async fn check_schema(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
+    sqlx::query("SELECT COUNT(*) FROM sqlite_master").fetch_one(connection).await.map(|_| ())
 }
 
 /// Converts an error of a database; one about damage names the file.

@@ -18,7 +18,7 @@ pub struct LatestRecord {
     pub channel: String,
     /// Time of the first sample.
     pub start_time: Timestamp,
-    /// The 5 %, 25 %, 50 %, 75 % and 95 % quantiles of the wear depth in µm.
+    /// Lower end of the 90 % interval of the wear depth in µm, its quartiles, and the upper end.
     pub wear_um: [Option<f64>; 5],
     /// Its indicators, including those that depend on the earlier records.
     pub indicators: Indicators,
@@ -29,7 +29,7 @@ impl Store {
     pub async fn latest_records(&self, after: Option<(&str, &str)>) -> Result<Vec<LatestRecord>, StoreError> {
         let (asset, channel) = after.unwrap_or(("", ""));
         let rows = sqlx::query(
-            "SELECT c.asset_id, c.name, s.start_time_ns, a.indicators, w.run_indicators, w.p05_um, w.p25_um, w.median_um, w.p75_um, w.p95_um
+            "SELECT c.asset_id, c.name, s.start_time_ns, a.indicators, w.run_indicators, w.low_um, w.p25_um, w.median_um, w.p75_um, w.high_um
              FROM channels c
              JOIN segments s ON s.id = c.last_segment_id
              JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
@@ -49,11 +49,11 @@ impl Store {
                 asset: get(row, "asset_id")?,
                 start_time: get_time(row, "start_time_ns")?,
                 wear_um: [
-                    get(row, "p05_um")?,
+                    get(row, "low_um")?,
                     get(row, "p25_um")?,
                     get(row, "median_um")?,
                     get(row, "p75_um")?,
-                    get(row, "p95_um")?,
+                    get(row, "high_um")?,
                 ],
                 channel,
                 indicators,

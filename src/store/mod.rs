@@ -3,7 +3,7 @@
 //! A data folder contains `flankwatch.db` (assets and derived data: segments, estimates), `raw/` (recordings
 //! as received, named by their hash, with the metadata needed to decode them), `streams/` (samples that are
 //! not part of a record yet) and `lock`. A store shared by several processes uses PostgreSQL and a bucket
-//! instead, and has no streams; statements and methods are the same. All methods use domain types; rows and
+//! instead, and keeps streams in rows; statements and methods are the same. All methods use domain types; rows and
 //! statements do not leave this module.
 
 mod alarm_commit;
@@ -21,6 +21,7 @@ mod fold_states;
 mod generations;
 mod identity;
 mod integrity;
+mod journal_entry;
 mod keyed_uploads;
 mod latest_records;
 mod library_builds;
@@ -44,6 +45,7 @@ mod silences;
 mod stream_copies;
 mod stream_journal;
 mod stream_levels;
+mod stream_rows;
 mod tokens;
 mod trend;
 mod trend_blocks;
@@ -71,6 +73,7 @@ pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
 pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
+pub use journal_entry::JournalEntry;
 pub use keyed_uploads::KeyedUpload;
 pub use latest_records::LatestRecord;
 pub use maintenance::StoredEvent;
@@ -88,8 +91,9 @@ pub use settings::StoreSettings;
 #[cfg(feature = "postgres")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 pub use silences::Silence;
-pub use stream_journal::{JournalEntry, StreamJournal};
+pub use stream_journal::StreamJournal;
 pub use stream_levels::{StreamLevels, TimedLevel};
+pub use stream_rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
 pub use tokens::{StoredToken, TokenStore, TokensVersion};
 pub use trend::{Trend, WearPoint};
 

@@ -1,110 +1,23 @@
 //! The journal of a stream: append-only files of entries with checksums.
 //!
-//! An entry consists of its length, the CRC-32 of the rest, its kind and its content; numbers are
-//! little-endian. Every file starts with a checkpoint, the state before its other entries, so that the oldest
-//! files can be removed. A file ends at its first incomplete entry: after a crash, entries are written to a
+//! Every file starts with a checkpoint, the state before its other entries, so that the oldest files can be
+//! removed. A file ends at its first incomplete entry: after a crash, entries are written to a
 //! new file.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use bytes::{BufMut, Bytes, BytesMut};
+use bytes::{Bytes, BytesMut};
 
+use super::journal_entry::{JournalEntry, ReadEntry};
 use super::objects::file_error;
 use super::{Disk, StoreError};
 
 /// File size in bytes at which a new file is started.
 const FILE_BYTES: u64 = 4 << 20;
-
-/// Maximum size of an entry that is read; samples stored at once are fewer.
-const MAX_ENTRY_BYTES: usize = 9 << 20;
-
-/// Encodes a missing time.
-const NO_TIME: i64 = i64::MIN;
-
-/// Size of length and checksum.
-const HEAD_BYTES: usize = 8;
-
-/// One entry of a journal.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum JournalEntry {
-    /// The state after all previous entries.
-    Checkpoint(Bytes),
-    /// Samples that follow the previous ones or a gap.
-    Frames {
-        /// Index of the first frame.
-        first: u64,
-        /// Time of the first frame, by the sender's clock or at its receipt, in nanoseconds since 1970;
-        /// `None` if unknown.
-        time_ns: Option<i64>,
-        /// Frames as received.
-        bytes: Bytes,
-    },
-    /// Samples that were never received.
-    Gap {
-        /// Index of the first frame.
-        first: u64,
-        /// Number of frames.
-        frames: u64,
-    },
-    /// Any other event.
-    Note(Bytes),
-}
-
-impl JournalEntry {
-    fn write(&self, out: &mut BytesMut) {
-        let begin = out.len();
-        out.put_bytes(0, HEAD_BYTES);
-        match self {
-            Self::Checkpoint(text) => {
-                out.put_u8(1);
-                out.put_slice(text);
-            }
-            Self::Frames { first, time_ns, bytes } => {
-                out.put_u8(2);
-                out.put_u64_le(*first);
-                out.put_i64_le(time_ns.unwrap_or(NO_TIME));
-                out.put_slice(bytes);
-            }
-            Self::Gap { first, frames } => {
-                out.put_u8(3);
-                out.put_u64_le(*first);
-                out.put_u64_le(*frames);
-            }
-            Self::Note(text) => {
-                out.put_u8(4);
-                out.put_slice(text);
-            }
-        }
-        let content = &out[begin + HEAD_BYTES..];
-        let (length, sum) = (content.len() as u32, crc32fast::hash(content));
-        out[begin..begin + 4].copy_from_slice(&length.to_le_bytes());
-        out[begin + 4..begin + HEAD_BYTES].copy_from_slice(&sum.to_le_bytes());
-    }
-
-    /// Decodes an entry; returns `None` if its kind or content is unknown.
-    fn read(content: Bytes) -> Option<Self> {
-        let (kind, content) = (*content.first()?, content.slice(1..));
-        let number = |at: usize| <[u8; 8]>::try_from(content.get(at..at + 8)?).ok();
-        match kind {
-            1 => Some(Self::Checkpoint(content)),
-            2 => Some(Self::Frames {
-                first: u64::from_le_bytes(number(0)?),
-                time_ns: Some(i64::from_le_bytes(number(8)?)).filter(|time_ns| *time_ns != NO_TIME),
-                bytes: content.slice(16..),
-            }),
-            3 => Some(Self::Gap {
-                first: u64::from_le_bytes(number(0)?),
-                frames: u64::from_le_bytes(number(8)?),
-            }),
-            4 => Some(Self::Note(content)),
-            _ => None,
-        }
-    }
-}
 
 /// One file of a journal.
 #[derive(Debug)]
@@ -156,7 +69,7 @@ impl StreamJournal {
         for number in numbers(folder)? {
             let mut end = None;
             read_entries(&*disk, &path_of(folder, number), |entry| {
-                end = end_of(&entry, frame_bytes).or(end);
+                end = entry.end(frame_bytes).or(end);
                 true
             })?;
             files.push_back(JournalFile { number, end });
@@ -188,10 +101,7 @@ impl StreamJournal {
 
     /// Appends entries durably. On an error none of them is stored.
     pub fn append(&mut self, entries: &[JournalEntry]) -> Result<(), StoreError> {
-        let mut bytes = BytesMut::new();
-        for entry in entries {
-            entry.write(&mut bytes);
-        }
+        let bytes = JournalEntry::encode(entries);
         if let Err(source) = self.disk.append_synced(&self.current, &bytes) {
             // Entries that may be partial, or only in memory, must not look durable.
             let _ = self.disk.cut_file(&self.current, self.current_bytes);
@@ -200,7 +110,7 @@ impl StreamJournal {
         }
         self.current_bytes += bytes.len() as u64;
         if let Some(file) = self.files.back_mut() {
-            let ends = entries.iter().filter_map(|entry| end_of(entry, self.frame_bytes));
+            let ends = entries.iter().filter_map(|entry| entry.end(self.frame_bytes));
             file.end = ends.last().or(file.end);
         }
         Ok(())
@@ -234,16 +144,7 @@ impl StreamJournal {
                 continue;
             }
             read_entries(&*self.disk, &path_of(&self.folder, file.number), |entry| {
-                if let JournalEntry::Frames { first, bytes, .. } = entry {
-                    let there = first + (bytes.len() / width) as u64;
-                    if first <= next && next < there {
-                        let until = there.min(end);
-                        found.put_slice(
-                            &bytes[(next - first) as usize * width..(until - first) as usize * width],
-                        );
-                        next = until;
-                    }
-                }
+                next = entry.copy_frames(next, end, width, &mut found);
                 next < end
             })?;
         }
@@ -256,14 +157,6 @@ impl StreamJournal {
             fs::metadata(path_of(&self.folder, file.number)).map_or(0, |data| data.len())
         };
         self.files.iter().map(length).sum()
-    }
-}
-
-fn end_of(entry: &JournalEntry, frame_bytes: usize) -> Option<u64> {
-    match entry {
-        JournalEntry::Frames { first, bytes, .. } => Some(first + (bytes.len() / frame_bytes) as u64),
-        JournalEntry::Gap { first, frames } => Some(first + frames),
-        JournalEntry::Checkpoint(_) | JournalEntry::Note(_) => None,
     }
 }
 
@@ -292,8 +185,7 @@ fn begin_file(
     checkpoint: Bytes,
 ) -> Result<(File, u64), StoreError> {
     let path = path_of(folder, number);
-    let mut bytes = BytesMut::new();
-    JournalEntry::Checkpoint(checkpoint).write(&mut bytes);
+    let bytes = JournalEntry::encode(&[JournalEntry::Checkpoint(checkpoint)]);
     let begin = || {
         let file = disk.create_file(&path)?;
         disk.append_synced(&file, &bytes)?;
@@ -321,36 +213,18 @@ fn read_entries(
     let failed = |source| file_error("read", path, source);
     let mut file = io::BufReader::with_capacity(1 << 16, disk.open(path).map_err(failed)?);
     loop {
-        let mut head = [0; HEAD_BYTES];
-        if !read_whole(&mut file, &mut head).map_err(failed)? {
-            return Ok(());
+        match JournalEntry::read_from(&mut file).map_err(failed)? {
+            ReadEntry::Whole(entry) => {
+                if !take(entry) {
+                    return Ok(());
+                }
+            }
+            ReadEntry::Incomplete => return Ok(()),
+            ReadEntry::Damaged => {
+                tracing::warn!(file = %path.display(), "skipped the rest of a journal file: an entry is damaged");
+                return Ok(());
+            }
         }
-        let [a, b, c, d, e, f, g, h] = head;
-        let length = u32::from_le_bytes([a, b, c, d]) as usize;
-        if length > MAX_ENTRY_BYTES {
-            tracing::warn!(file = %path.display(), "skipped the rest of a journal file: an entry is damaged");
-            return Ok(());
-        }
-        let mut content = vec![0; length];
-        if !read_whole(&mut file, &mut content).map_err(failed)? {
-            return Ok(());
-        }
-        if crc32fast::hash(&content) != u32::from_le_bytes([e, f, g, h]) {
-            tracing::warn!(file = %path.display(), "skipped the rest of a journal file: an entry is damaged");
-            return Ok(());
-        }
-        let Some(entry) = JournalEntry::read(content.into()) else { return Ok(()) };
-        if !take(entry) {
-            return Ok(());
-        }
-    }
-}
-
-/// Fills `bytes`; returns whether there were enough.
-fn read_whole(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
-    match reader.read_exact(bytes) {
-        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
-        read => read.map(|()| true),
     }
 }
 

@@ -26,6 +26,50 @@ pub struct TimedLevel {
     pub level: Level,
 }
 
+impl TimedLevel {
+    /// Size of a row with this number of channels.
+    fn row_bytes(channels: usize) -> usize {
+        HEAD_BYTES + 8 * channels
+    }
+
+    /// Appends the row of the level.
+    pub(super) fn write(&self, out: &mut Vec<u8>) {
+        let Self { time_ns, level } = self;
+        out.extend_from_slice(&level.first.to_le_bytes());
+        out.extend_from_slice(&time_ns.to_le_bytes());
+        out.extend_from_slice(&level.frames.to_le_bytes());
+        for channel in &level.channels {
+            out.extend_from_slice(&channel.rms.to_le_bytes());
+            out.extend_from_slice(&channel.peak.to_le_bytes());
+        }
+    }
+
+    /// Decodes whole rows with this number of channels.
+    pub(super) fn decode(bytes: &[u8], channels: usize) -> impl Iterator<Item = Self> + '_ {
+        bytes.chunks_exact(Self::row_bytes(channels)).map(Self::read)
+    }
+
+    /// Decodes a row.
+    fn read(bytes: &[u8]) -> Self {
+        let (head, values) = bytes.split_at(HEAD_BYTES);
+        let (words, _) = head.as_chunks::<8>();
+        let (values, _) = values.as_chunks::<4>();
+        let (pairs, _) = values.as_chunks::<2>();
+        let channels = pairs.iter().map(|[rms, peak]| ChannelLevel {
+            rms: f32::from_le_bytes(*rms),
+            peak: f32::from_le_bytes(*peak),
+        });
+        Self {
+            time_ns: i64::from_le_bytes(words[1]),
+            level: Level {
+                first: u64::from_le_bytes(words[0]),
+                frames: u64::from_le_bytes(words[2]),
+                channels: channels.collect(),
+            },
+        }
+    }
+}
+
 /// The levels of a stream in two files; the older one is dropped when the newer one is full.
 #[derive(Debug)]
 pub struct StreamLevels {
@@ -48,15 +92,7 @@ impl StreamLevels {
     pub fn append(&mut self, rows: &[TimedLevel]) -> Result<(), StoreError> {
         let new = rows.iter().filter(|row| self.last.is_none_or(|last| row.level.first > last));
         let mut bytes = Vec::new();
-        for TimedLevel { time_ns, level } in new {
-            bytes.extend_from_slice(&level.first.to_le_bytes());
-            bytes.extend_from_slice(&time_ns.to_le_bytes());
-            bytes.extend_from_slice(&level.frames.to_le_bytes());
-            for channel in &level.channels {
-                bytes.extend_from_slice(&channel.rms.to_le_bytes());
-                bytes.extend_from_slice(&channel.peak.to_le_bytes());
-            }
-        }
+        new.for_each(|row| row.write(&mut bytes));
         if bytes.is_empty() {
             return Ok(());
         }
@@ -120,26 +156,11 @@ impl StreamLevels {
     fn row(&self, file: &mut impl Read) -> io::Result<TimedLevel> {
         let mut bytes = vec![0; self.row_bytes()];
         file.read_exact(&mut bytes)?;
-        let (head, values) = bytes.split_at(HEAD_BYTES);
-        let (words, _) = head.as_chunks::<8>();
-        let (values, _) = values.as_chunks::<4>();
-        let (pairs, _) = values.as_chunks::<2>();
-        let channels = pairs.iter().map(|[rms, peak]| ChannelLevel {
-            rms: f32::from_le_bytes(*rms),
-            peak: f32::from_le_bytes(*peak),
-        });
-        Ok(TimedLevel {
-            time_ns: i64::from_le_bytes(words[1]),
-            level: Level {
-                first: u64::from_le_bytes(words[0]),
-                frames: u64::from_le_bytes(words[2]),
-                channels: channels.collect(),
-            },
-        })
+        Ok(TimedLevel::read(&bytes))
     }
 
     fn row_bytes(&self) -> usize {
-        HEAD_BYTES + 8 * self.channels
+        TimedLevel::row_bytes(self.channels)
     }
 
     fn newer(&self) -> PathBuf {

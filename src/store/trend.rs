@@ -57,14 +57,14 @@ pub struct WearPoint {
     pub median_um: Option<f64>,
     /// Mean in µm.
     pub mean_um: Option<f64>,
-    /// 5 % quantile in µm.
-    pub p05_um: Option<f64>,
+    /// Lower end of the 90 % interval in µm.
+    pub low_um: Option<f64>,
     /// 25 % quantile in µm.
     pub p25_um: Option<f64>,
     /// 75 % quantile in µm.
     pub p75_um: Option<f64>,
-    /// 95 % quantile in µm.
-    pub p95_um: Option<f64>,
+    /// Upper end of the 90 % interval in µm.
+    pub high_um: Option<f64>,
     /// Natural logarithm of the evidence.
     pub log_evidence: Option<f64>,
     /// Reference wear depth in µm from another source.
@@ -105,10 +105,10 @@ impl Trend {
             reason: get::<String>(row, "reason")?.into_boxed_str(),
             median_um: get(row, "median_um")?,
             mean_um: get(row, "mean_um")?,
-            p05_um: get(row, "p05_um")?,
+            low_um: get(row, "low_um")?,
             p25_um: get(row, "p25_um")?,
             p75_um: get(row, "p75_um")?,
-            p95_um: get(row, "p95_um")?,
+            high_um: get(row, "high_um")?,
             log_evidence: get(row, "log_evidence")?,
             reference_wear_um: get(row, "reference_wear_um")?,
         });
@@ -251,7 +251,7 @@ pub(super) async fn rows_after(
 ) -> Result<Vec<AnyRow>, StoreError> {
     let rows = sqlx::query(
         "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
-            w.p05_um, w.p25_um, w.p75_um, w.p95_um, w.log_evidence
+            w.low_um, w.p25_um, w.p75_um, w.high_um, w.log_evidence
          FROM segments s
          JOIN analyses a ON a.segment_id = s.id AND a.generation = $5
          JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = $6

@@ -61,10 +61,10 @@ fn numbers_of(wear: &WearPoint) -> [Option<f64>; NUMBERS] {
     [
         wear.median_um,
         wear.mean_um,
-        wear.p05_um,
+        wear.low_um,
         wear.p25_um,
         wear.p75_um,
-        wear.p95_um,
+        wear.high_um,
         wear.log_evidence,
         wear.reference_wear_um,
     ]
@@ -129,10 +129,10 @@ impl Block {
                 reason: reason.into_boxed_str(),
                 median_um: number(0),
                 mean_um: number(1),
-                p05_um: number(2),
+                low_um: number(2),
                 p25_um: number(3),
                 p75_um: number(4),
-                p95_um: number(5),
+                high_um: number(5),
                 log_evidence: number(6),
                 reference_wear_um: number(7),
             });

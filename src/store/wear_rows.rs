@@ -9,7 +9,7 @@ use crate::asset::SegmentId;
 use crate::estimate::WearEstimate;
 
 /// The columns of an estimate.
-const ESTIMATE: &str = "status, reason, median_um, mean_um, p05_um, p25_um, p75_um, p95_um, log_evidence, estimate, run_indicators";
+const ESTIMATE: &str = "status, reason, median_um, mean_um, low_um, p25_um, p75_um, high_um, log_evidence, estimate, run_indicators";
 
 /// An estimate to be written.
 pub(super) struct WearRow<'a> {
@@ -53,10 +53,10 @@ impl Commit {
                 .bind(wear.reason.as_str())
                 .bind(finite_or_none("median_um", wear.median_um)?)
                 .bind(finite_or_none("mean_um", wear.mean_um)?)
-                .bind(finite_or_none("p05_um", wear.p05_um)?)
+                .bind(finite_or_none("low_um", wear.low_um)?)
                 .bind(finite_or_none("p25_um", wear.p25_um)?)
                 .bind(finite_or_none("p75_um", wear.p75_um)?)
-                .bind(finite_or_none("p95_um", wear.p95_um)?)
+                .bind(finite_or_none("high_um", wear.high_um)?)
                 .bind(finite_or_none("log_evidence", wear.log_evidence)?)
                 .bind(to_json(&without_posterior, "estimate", id)?)
                 .bind(to_json(indicators, "run_indicators", id)?);

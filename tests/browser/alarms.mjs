@@ -178,6 +178,17 @@ export const CHECKS = {
     await page.locator('[data-plot="wear"] .legend', { hasText: "± standard error" }).waitFor();
     assert.equal(await page.locator('[data-plot="wear"] .errorbar').count(), 1);
     await page.locator('[data-plot="wear"] .annotation-text', { hasText: "30 ± 40 µm" }).waitFor();
+    await page.locator('[data-plot="trends"] .annotation-text', { hasText: "Wear measured" }).waitFor();
+    // an opaque label would look like a gap in the line below it
+    const grounds = await page.evaluate(() =>
+      ["wear", "trends"].flatMap((kind) =>
+        document
+          .querySelector(`[data-plot="${kind}"] .plot`)
+          ._fullLayout.annotations.filter(({ text }) => /Wear measured|±/.test(text))
+          .map(({ bgcolor }) => bgcolor),
+      ),
+    );
+    assert.deepEqual(grounds, ["rgba(0,0,0,0)", "rgba(0,0,0,0)"]);
     const { items } = await json(`assets/${asset}/maintenance`);
     assert.deepEqual(
       [items[0].kind, items[0].inspection],

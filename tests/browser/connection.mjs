@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { createServer, request } from "node:http";
-import { asset, base, browser, createAsset, drawn, removeAsset, sendNoise } from "./page.mjs";
+import { asset, base, createAsset, drawn, newContext, removeAsset, sendNoise } from "./page.mjs";
 
 /**
  * Forwards requests to the server; `streams` says whether the event stream is forwarded, `close()` and
@@ -57,7 +57,7 @@ export const CHECKS = {
     const passage = await gate();
     const id = await createAsset("gated", {});
     await sendNoise(id, 0);
-    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const context = await newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();
     const exceptions = [];
     page.on("pageerror", (error) => exceptions.push(error.stack));
@@ -93,7 +93,7 @@ export const CHECKS = {
 
   "a page opened while the server is unavailable loads when it is back": async () => {
     const passage = await gate();
-    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const context = await newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();
     await page.goto(`${passage.url}/`);
     await page.locator(`[data-asset="${asset}"]`).waitFor();
@@ -113,7 +113,7 @@ export const CHECKS = {
 
   "a page whose code cannot be loaded says so and loads when the server is back": async () => {
     const passage = await gate();
-    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const context = await newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();
     await page.goto(`${passage.url}/`);
     await page.locator(`[data-asset="${asset}"]`).waitFor();

@@ -25,6 +25,7 @@ const FILES = [
   "plots",
   "match",
   "views",
+  "without-gears",
   "report",
   "links",
   "downloads",
@@ -47,6 +48,7 @@ const FILES = [
   "tokens",
   "fleet",
   "keyboard",
+  "focus",
   "accessibility",
   "speed",
 ];

@@ -19,8 +19,8 @@ async function many(nameOf) {
       status: n % 11 ? "estimated" : "not_identifiable",
       at_least_um: undefined,
       median_um: median,
-      p05_um: Math.max(0, median - 25),
-      p95_um: median + 30,
+      low_um: Math.max(0, median - 25),
+      high_um: median + 30,
     });
     copy.summary.recent_wear_um = Array.from({ length: 40 }, (_, k) => (median * k) / 39);
     copy.summary.alarms = {
@@ -57,7 +57,7 @@ export const CHECKS = {
     const opened = await fleet();
     const { page } = opened;
     assert.equal(await total(page), COUNT);
-    await page.getByRole("button", { name: "Wear, 5 to 95 %" }).click();
+    await page.getByRole("button", { name: "Wear, 90 % interval" }).click();
     const seen = new Map();
     for (let y = 0; seen.size < COUNT; y += 600) {
       assert.ok(y < 200_000, `${seen.size} rows were seen`);
@@ -173,9 +173,32 @@ export const CHECKS = {
     }
   },
 
+  "a compact row cuts off no number, and its title has everything": async (name) => {
+    const opened = await fleet({ viewport: { width: 1280, height: 800 } });
+    const { page } = opened;
+    await page.getByPlaceholder("Name, id or location").fill("gearbox 57");
+    const state = page.locator('tr[data-asset="gearbox-057"] td[data-label="State"]');
+    await state.getByText("1 alarm", { exact: true }).waitFor();
+    const beyond = await state.evaluate((cell) => {
+      const { right, bottom } = cell.getBoundingClientRect();
+      const shown = [...cell.querySelectorAll(".badge, .alarm-words > span:not(.comma)")]
+        .map((part) => part.getBoundingClientRect())
+        .filter(({ top }) => top < bottom);
+      return { parts: shown.length, cut: shown.filter((part) => part.right > right).length };
+    });
+    assert.deepEqual(beyond, { parts: 3, cut: 0 }, "state, alarms and unacknowledged ones are in view");
+    const title = await state.evaluate((cell) => {
+      const { left, top, width, height } = cell.getBoundingClientRect();
+      return document.elementFromPoint(left + width / 2, top + height / 2).closest("[title]").title;
+    });
+    assert.match(title, /1 alarm, 1 unacknowledged/);
+    assert.match(title, /Last record: /);
+    await close(opened, name);
+  },
+
   "500 assets answer within 200 ms": async () => {
     const { page } = await fleet({ viewport: { width: 1440, height: 900 } });
-    for (const label of ["Asset", "Wear, 5 to 95 %", "Last record"]) {
+    for (const label of ["Asset", "Wear, 90 % interval", "Last record"]) {
       const sort = (words) =>
         [...document.querySelectorAll("th button")].find((button) => button.textContent === words).click();
       const times = [];

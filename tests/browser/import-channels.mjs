@@ -93,6 +93,25 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "a field keeps its focus while the file is inspected again": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    const title = "m_20260401_080000.mat";
+    const buffer = await fixture("matlab/bearing-two-channels.mat");
+    const inspected = () => page.waitForResponse("**/recording-preview*");
+    await page.locator("summary", { hasText: "sampling rate" }).click();
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
+    await page.setInputFiles("#upload-file", [{ name: title, mimeType: "application/octet-stream", buffer }]);
+    const unit = page.getByLabel(`Unit of X097_FE_time of ${title}`);
+    await unit.waitFor();
+    // leaving the field of the rate has the file inspected again
+    await Promise.all([inspected(), unit.focus()]);
+    await page.waitForTimeout(200); // for the drawing after the answer
+    await page.keyboard.type("g");
+    assert.equal(await unit.inputValue(), "g");
+    await end(opened, name);
+  },
+
   "an unknown unit is pointed out, and so is a truncated WAV file": async (name) => {
     const opened = await desk({ sensor: {} });
     const { page } = opened;

@@ -77,11 +77,12 @@ export const CHECKS = {
     ]);
     await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
     await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
-    await page.getByText("Unit; for all files other than MCAP").click();
+    await page.getByText("What the files do not contain").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
     await page.getByLabel("Unit", { exact: true }).fill("m/s2");
     await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
     await card(page, "table.csv").getByText("CSV · 1 channel · 12.8 kHz (entered)").waitFor();
+    page.once("dialog", (dialog) => dialog.accept()); // the times are those of the files
     await page.getByRole("button", { name: "Upload 3 files" }).click();
     await page.getByRole("button", { name: "Undo this import: delete 4 records" }).waitFor();
     const stored = (await json(`assets/${id}/segments`)).items;
@@ -163,7 +164,6 @@ export const CHECKS = {
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
-    await page.getByText("Unit; for all files other than MCAP").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
@@ -322,6 +322,18 @@ export const CHECKS = {
     },
   }),
 
+  "an empty replay folder says where it is": async () => {
+    const id = await createAsset("import", {});
+    const { page } = await open(`#/assets/${id}/import`, {}, (page) =>
+      page.route("**/v1/replay-files", (route) => route.fulfill({ json: { items: [] } })),
+    );
+    await page.getByText("It is the folder “recordings” in the data folder").waitFor();
+    for (const label of ["File in the replay folder", "Name in the replay folder"])
+      assert.ok(await page.getByLabel(label).isHidden());
+    await page.context().close();
+    await removeAsset(id);
+  },
+
   "a file of a long replay folder is given by its name": async () => {
     const items = Array.from({ length: 1000 }, (_, n) => ({
       file: `${n}.mcap`,
@@ -387,9 +399,39 @@ export const CHECKS = {
       audio("dated_20260401_080000.wav", wav(2200)),
     ]);
     await spacing.getByText("3 files do not say when they were recorded").waitFor();
+    // until a start is entered, the last record is as old as the latest file: the service takes none of the future
+    const offered = async () => Date.parse(`${await spacing.getByLabel("First record, UTC").inputValue()}Z`);
+    const last = async () =>
+      Date.parse(
+        /Last record: (\S+) (\S+) UTC/
+          .exec(await spacing.innerText())
+          .slice(1)
+          .join("T") + "Z",
+      );
+    for (const minutes of [60, 90]) {
+      await spacing.getByLabel("Every, minutes").fill(String(minutes));
+      await spacing.getByLabel("Every, minutes").blur();
+      assert.equal((await last()) - (await offered()), 2 * minutes * 60_000);
+      assert.ok(Math.abs((await last()) - Date.now()) < 600_000);
+      assert.ok((await last()) <= Date.now());
+    }
+    await spacing.getByLabel("First record, UTC").fill("2099-05-01T06:00:00");
+    await spacing.getByLabel("Every, minutes").focus();
+    await spacing.getByText("Last record: 2099-05-01 09:00:00 UTC, which is in the future.").waitFor();
     await spacing.getByLabel("First record, UTC").fill("2026-05-01T06:00:00");
     await spacing.getByLabel("Every, minutes").fill("90");
     await shoot(page, name);
+    // without them the files would stand at one moment
+    const asked = page.waitForEvent("dialog");
+    const sent = send(page);
+    const dialog = await asked;
+    assert.match(
+      dialog.message(),
+      /^3 files do not say when they were recorded, and were all written within/,
+    );
+    await dialog.dismiss();
+    await sent;
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0);
     await spacing.getByRole("button", { name: "Set start times" }).click();
     await card(page, "run-10.wav").getByText("at the interval entered").waitFor();
     await send(page);
@@ -405,6 +447,48 @@ export const CHECKS = {
       ],
     );
     await end(opened, name);
+  },
+
+  "the cards of many files are folded, but for one with an error": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    const files = Array.from({ length: 9 }, (_, n) => audio(`run_20260401_08${10 + n}00.wav`, wav(2000)));
+    await page.setInputFiles("#upload-file", [...files, audio("broken.wav", Buffer.from("no recording"))]);
+    await page.getByRole("button", { name: "Upload 10 files" }).waitFor();
+    const first = card(page, files[0].name);
+    await first.getByText("· 2026-04-01 08:10:00 UTC").waitFor();
+    const start = (file) => page.getByLabel(`Start of ${file}, UTC`);
+    assert.ok(await start(files[0].name).isHidden());
+    assert.ok(await start("broken.wav").isVisible());
+    await shoot(page, name);
+    await first.locator("summary").click();
+    await start(files[0].name).fill("2026-04-02T08:00");
+    await first.locator("summary").click();
+    await first.getByText("· 2026-04-02 08:00:00 UTC").waitFor();
+    await end(opened);
+  },
+
+  "a rejected file is listed again, and taken with what it lacked": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("broken.wav", Buffer.from("no recording")),
+      table("untimed_20260401_090000.csv", "a1\n1\n2\n3\n1"),
+    ]);
+    await send(page);
+    await page
+      .getByText("3 files read: 1 record added, 2 files rejected. Rejected files are listed")
+      .waitFor();
+    assert.equal(await page.locator(".files > li").count(), 1, "a file that cannot be read is not");
+    await shoot(page, name);
+    await page.getByLabel("Sampling rate of a CSV").fill("1000");
+    await page.getByLabel("Sampling rate of a CSV").blur();
+    await card(page, "untimed_20260401_090000.csv").getByText("1000 Hz (entered)").waitFor();
+    await send(page);
+    await good(page, "untimed_20260401_090000.csv: record of 2026-04-01 09:00:00 UTC");
+    assert.match(opened.faults.splice(0).join(), /^console: [^,]* 422 [^,]*,console: [^,]* 422 [^,]*$/);
+    await end(opened);
   },
 
   "the unit of the samples is asked for before the first records": async (name) => {
@@ -510,7 +594,7 @@ export const CHECKS = {
     const name = "m_20260401_080000.mat";
     await page.setInputFiles("#upload-file", [{ name, mimeType: "application/octet-stream", buffer }]);
     await card(page, "m_20260401").locator('.result[data-kind="bad"]').waitFor();
-    await page.locator("summary", { hasText: "sampling rate" }).click();
+    // the field that it lacks is open
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     for (const [own, chosen] of [
@@ -552,7 +636,7 @@ export const CHECKS = {
       audio("a_20260401_080000.wav", wav(2000)),
       audio("b_20260401_090000.wav", wav(2000)),
     ]);
-    await page.getByText("Unit; for all files other than MCAP").click();
+    await page.getByText("What the files do not contain").click();
     await page.getByLabel("Full scale of 16-bit WAV files, in the unit").fill("20");
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);

@@ -35,13 +35,19 @@ export const browser = await chromium.launch({
   args: ARGUMENTS,
 });
 
+/** A session of the browser with nothing stored. */
+export async function newContext(options = {}) {
+  const context = await browser.newContext(options);
+  context.setDefaultTimeout(PATIENCE);
+  return context;
+}
+
 /**
  * A fresh page and the list of its errors: console errors, exceptions, requests to other hosts. `before`
  * prepares the page, `host` is another service.
  */
 export async function open(path, options = {}, before = async () => {}, host = base) {
-  const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
-  context.setDefaultTimeout(PATIENCE);
+  const context = await newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
   const faults = [];
   page.on(
@@ -112,21 +118,29 @@ export async function createAsset(kind, more) {
 
 export const removeAsset = (id) => fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
 
+/** Sends a record to an asset; `more` has the samples, and what differs from the defaults. */
+export async function sendRecord(id, more) {
+  const defaults = { start_time: minuteTime(0), sample_rate_hz: 4000, unit: "m/s2", channel: "a1" };
+  const answer = await fetch(`${base}/v1/assets/${id}/segments`, {
+    method: "POST",
+    headers: asJson,
+    body: JSON.stringify({ ...defaults, ...more }),
+  });
+  const text = await answer.text();
+  assert.equal(answer.status, 201, text);
+  return JSON.parse(text);
+}
+
+/** A minute of the hour in which the checks' records begin. */
+export const minuteTime = (minute) => `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`;
+
 /** Sends a record of noise with an amplitude to an asset. */
 export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
   const samples = Array.from(
     { length: 2000 },
     (_, n) => amplitude * (Math.sin(n * 0.49) + 0.2 * Math.sin(n * n)),
   );
-  const body = JSON.stringify({
-    start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`,
-    sample_rate_hz: 4000,
-    unit: "m/s2",
-    channel,
-    samples,
-  });
-  const answer = await fetch(`${base}/v1/assets/${id}/segments`, { method: "POST", headers: asJson, body });
-  assert.equal(answer.status, 201, await answer.text());
+  await sendRecord(id, { start_time: minuteTime(minute), channel, samples });
 }
 
 /** Waits until the page shows the record named in its address. */

@@ -33,7 +33,7 @@ export const CHECKS = {
     if (wear.posterior) await drawn(opened.page, "posterior");
     if (wear.p25_um != null) {
       const legend = await opened.page.locator(".plot-wear").innerText();
-      for (const band of ["25 to 75 %", "5 to 95 %"]) assert.ok(legend.includes(band), legend);
+      for (const band of ["25 to 75 %", "90 % interval"]) assert.ok(legend.includes(band), legend);
     }
     const { mesh_harmonics: harmonics } = await json(`segments/${wear.segment_id}/spectrum`);
     const labels = opened.page.locator('[data-plot="spectrum"] .annotation-text', { hasText: /^\d+×$/ });
@@ -47,6 +47,9 @@ export const CHECKS = {
       const titles = await opened.page.locator(`[data-plot="${kind}"] .infolayer`).first().textContent();
       assert.ok(titles.includes(words), `${kind} has ${JSON.stringify(words)} on an axis, but ${titles}`);
     }
+    const best = opened.page.locator(".fact", { hasText: "Best library state" });
+    await best.getByText("fits this record best").waitFor();
+    assert.match(await best.locator("[title]").first().getAttribute("title"), /the two may differ/);
     await close(opened, name);
   },
 
@@ -79,6 +82,11 @@ export const CHECKS = {
     await page.getByRole("row").filter({ hasText: items[0].id }).getByRole("link").click();
     for (const kind of ["grid", "stiffness", "transmission"]) await drawn(page, kind);
     assert.equal(await page.locator(".state-table tbody tr").count(), items[0].states);
+    const stiffness = await page.locator(".state-table tbody td:nth-child(3)").allInnerTexts();
+    assert.ok(
+      stiffness.every((text) => /^\d{3}\.\d$/.test(text)),
+      `four digits each: ${stiffness}`,
+    );
     await page.getByRole("button", { name: "Show state 3", exact: true }).click();
     await page.locator('[data-plot="stiffness"] .legend', { hasText: "state 3" }).waitFor();
     assert.match(page.url(), /state=3/);

@@ -35,7 +35,7 @@ const PICTURES = {
   fleet: ["#/", (shown) => shown.getByRole("link", { name: "conveyor" }).first().waitFor(), 728],
   library: [`#/libraries/${library}`, plots("grid", "stiffness", "transmission"), 1400],
   alarms: ["#/alarms", (shown) => shown.locator("main tbody tr").first().click(), 660],
-  wear: [`${page}/wear`, (shown) => shown.locator('[data-plot="mesh"]').waitFor(), 1160],
+  wear: [`${page}/wear`, (shown) => shown.locator('[data-plot="mesh"]').waitFor(), 1176],
   record: [
     `${page}?segment=${worn}&show=spectrum,turn&axis=orders&cursor=s~24~1&zoom=1`,
     plots("spectrum", "turn"),
@@ -44,7 +44,7 @@ const PICTURES = {
   bench: [
     `#/bench?records=${[worn, middle, early].join(",")}&show=spectrum,waveform&axis=orders&scale=db&quantity=velocity`,
     plots("spectrum", "waveform"),
-    2240,
+    2400,
   ],
   match: [`${page}/match`, plots("features"), 1525],
   waterfall: [`${page}/waterfall?axis=orders`, plots("waterfall"), 930],

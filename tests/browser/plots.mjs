@@ -23,12 +23,12 @@ const twoLives = (page) =>
     const none = {
       reference_wear_um: null,
       median_um: null,
-      p05_um: null,
+      low_um: null,
       p25_um: null,
       p75_um: null,
-      p95_um: null,
+      high_um: null,
     };
-    const known = { reference_wear_um: null, median_um: 40, p05_um: 30, p25_um: 35, p75_um: 45, p95_um: 50 };
+    const known = { reference_wear_um: null, median_um: 40, low_um: 30, p25_um: 35, p75_um: 45, high_um: 50 };
     history.items.forEach((item, n) =>
       Object.assign(
         item,
@@ -72,6 +72,19 @@ async function onlyDrawn(page, kind, range, wanted, words = kind) {
 const wear = (page, read) => page.evaluate(`(${read})(document.querySelector('[data-plot="wear"] .plot'))`);
 
 export const CHECKS = {
+  "a single record has minutes to either side": async (name) => {
+    const id = await createAsset("lone");
+    await sendNoise(id, 0);
+    const opened = await open(`#/assets/${id}`);
+    await drawn(opened.page, "trends");
+    const [from, to] = await opened.page.evaluate(
+      () => document.querySelector('[data-plot="trends"] .plot').layout.xaxis.range,
+    );
+    assert.equal(Date.parse(to) - Date.parse(from), 600_000);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "a plot follows the size of its card": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;

@@ -2,16 +2,17 @@
 
 import assert from "node:assert/strict";
 import {
-  base,
   close,
   createAsset,
   json,
+  minuteTime,
   noSidewaysScrolling,
   open,
   parameters,
   PHONE,
   removeAsset,
   sendNoise,
+  sendRecord,
   shoot,
 } from "./page.mjs";
 import { gearbox } from "./upload.mjs";
@@ -47,7 +48,7 @@ export const CHECKS = {
       "0.5 s",
       "4000 Hz",
       "m/s²",
-      "No library",
+      "No gear pair",
       "yes",
       "Download",
     ])
@@ -80,19 +81,7 @@ export const CHECKS = {
       { length: 32_000 },
       (_, n) => Math.sin((2 * Math.PI * 310 * n) / 4000) + 0.01 * Math.sin(n * n),
     );
-    const body = {
-      start_time: "2026-03-01T08:00:00Z",
-      sample_rate_hz: 4000,
-      unit: "m/s2",
-      channel: "a1",
-      samples,
-    };
-    const sent = await fetch(`${base}/v1/assets/${id}/segments`, {
-      method: "POST",
-      headers: { "content-type": "application/json" },
-      body: JSON.stringify(body),
-    });
-    assert.equal(sent.status, 201);
+    await sendRecord(id, { samples });
     const [{ shaft_speed: speed }] = (await json(`assets/${id}/segments`)).items;
     assert.equal(speed.doubt?.reason, "few_harmonics", JSON.stringify(speed));
     const opened = await open(`#/assets/${id}/records`);
@@ -111,19 +100,9 @@ export const CHECKS = {
     const id = await createAsset("short", { gear, baseline: { records: BASELINE } });
     const samples = Array.from({ length: 20_000 }, (_, n) => gearbox(10_000)(n));
     for (let minute = 0; minute <= BASELINE; minute++) {
-      const body = {
-        start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`,
-        sample_rate_hz: 10_000,
-        unit: "m/s2",
-        channel: "a1",
-        samples: minute < BASELINE ? samples.slice(minute) : samples.slice(0, 1000),
-      };
-      const sent = await fetch(`${base}/v1/assets/${id}/segments`, {
-        method: "POST",
-        headers: { "content-type": "application/json" },
-        body: JSON.stringify(body),
-      });
-      assert.equal(sent.status, 201);
+      const start_time = minuteTime(minute);
+      const cut = minute < BASELINE ? samples.slice(minute) : samples.slice(0, 1000);
+      await sendRecord(id, { start_time, sample_rate_hz: 10_000, samples: cut });
     }
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;
@@ -139,20 +118,8 @@ export const CHECKS = {
   "many records are paged, and the order is reversed": async (name) => {
     const id = await createAsset("paged", {});
     const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));
-    const send = (n) => {
-      const start = new Date(Date.UTC(2026, 2, 1, 8, 0, n)).toISOString();
-      return fetch(`${base}/v1/assets/${id}/segments`, {
-        method: "POST",
-        headers: { "content-type": "application/json" },
-        body: JSON.stringify({
-          start_time: start,
-          sample_rate_hz: 4000,
-          unit: "m/s2",
-          channel: "a1",
-          samples,
-        }),
-      });
-    };
+    const start = (n) => new Date(Date.UTC(2026, 2, 1, 8, 0, n)).toISOString();
+    const send = (n) => sendRecord(id, { start_time: start(n), samples });
     for (let n = 0; n < 120; n += 30) await Promise.all(Array.from({ length: 30 }, (_, k) => send(n + k)));
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;

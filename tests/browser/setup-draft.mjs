@@ -52,4 +52,24 @@ export const CHECKS = {
     await close(opened, name);
     await removeAsset(id);
   },
+
+  "entries made before the presets arrive stay, and are not taken for earlier ones": async () => {
+    let arrive;
+    const { page } = await open("#/new", {}, (page) =>
+      page.route("**/v1/pair-presets", async (route) => {
+        await new Promise((resolve) => (arrive = resolve));
+        await route.continue();
+      }),
+    );
+    await fill(page, TYPED);
+    arrive();
+    await page
+      .locator("#setup-pair option", { hasText: "Start from:" })
+      .first()
+      .waitFor({ state: "attached" });
+    await fill(page, { "Module (mm)": "6" });
+    assert.ok(await page.getByText("These are your entries from before").isHidden());
+    assert.equal(await page.getByLabel("Teeth, driving", { exact: true }).inputValue(), "24");
+    await page.context().close();
+  },
 };

@@ -9,7 +9,7 @@ const states = (page) =>
     const answer = await route.fetch();
     const list = await answer.json();
     const model = list.items.find(({ id }) => id === asset);
-    const wear = { ...model.summary.wear, status: "estimated", median_um: 150, p05_um: 130, p95_um: 170 };
+    const wear = { ...model.summary.wear, status: "estimated", median_um: 150, low_um: 130, high_um: 170 };
     const worn = { ...model, id: "worn", name: "Worn", summary: { ...model.summary, wear, alarms: {} } };
     const learning = {
       ...model,

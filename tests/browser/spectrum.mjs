@@ -1,7 +1,17 @@
 // The spectrum at full resolution: cursor readings, zooms, and the table of lines.
 
 import assert from "node:assert/strict";
-import { asset, base, close, createAsset, drawn, json, open, parameters, removeAsset } from "./page.mjs";
+import {
+  asset,
+  close,
+  createAsset,
+  drawn,
+  json,
+  open,
+  parameters,
+  removeAsset,
+  sendRecord,
+} from "./page.mjs";
 
 const readout = (page) => page.locator(".cursor-readout");
 const latest = async () => (await json(`assets/${asset}/wear`)).segment_id;
@@ -25,18 +35,7 @@ async function sendLong(id) {
     { length: 80_000 },
     (_, n) => (1 + 0.5 * Math.sin(n * 0.016)) * Math.sin(n * 1.3) + 0.2 * Math.sin(n * n),
   );
-  const answer = await fetch(`${base}/v1/assets/${id}/segments`, {
-    method: "POST",
-    headers: { "content-type": "application/json" },
-    body: JSON.stringify({
-      start_time: "2026-03-01T08:00:00Z",
-      sample_rate_hz: 4000,
-      unit: "m/s2",
-      channel: "a1",
-      samples,
-    }),
-  });
-  assert.equal(answer.status, 201, await answer.text());
+  await sendRecord(id, { samples });
 }
 
 export const CHECKS = {
@@ -61,6 +60,33 @@ export const CHECKS = {
       .getByText(`strongest ${strongest + 1}× at ${digits(harmonics[strongest])} m/s²`)
       .waitFor();
     await close(opened, name);
+  },
+
+  "sidebands in the noise are marked, and left out of the sum": async (name) => {
+    const id = await createAsset("noisy-sidebands");
+    // a tone at 500 Hz with one sideband on either side, 20 Hz away, in noise
+    let seed = 7;
+    const uniform = () => (seed = (seed * 16807) % 2147483647) / 2147483647;
+    const gauss = () => Math.sqrt(-2 * Math.log(uniform())) * Math.cos(2 * Math.PI * uniform());
+    const tone = (hertz, n) => Math.sin((2 * Math.PI * hertz * n) / 4000);
+    const samples = Array.from(
+      { length: 8000 },
+      (_, n) => tone(500, n) + 0.3 * (tone(480, n) + tone(520, n)) + 0.5 * gauss(),
+    );
+    await sendRecord(id, { samples });
+    const opened = await open(`#/assets/${id}?cursor=s~500~20`);
+    await readout(opened.page).getByText("2 of 10 lines above the noise, root sum square 0.4").waitFor();
+    const table = await rows(opened.page);
+    const bracketed = table.filter((cells) => cells.some((cell) => /^\([\d.]+\)$/.test(cell)));
+    assert.deepEqual(
+      bracketed.map(([label]) => label),
+      ["−5", "−4", "−3", "−2", "+2", "+3", "+4", "+5"],
+    );
+    const marked = opened.page.locator(".lines .in-noise").first();
+    assert.match(await marked.getAttribute("title"), /^in the noise: less than 2.5 times/);
+    await opened.page.locator('[data-plot="spectrum"] .lines').getByText("(…) in the noise").waitFor();
+    await close(opened, name);
+    await removeAsset(id);
   },
 
   "a zoom draws every line of its part": async (name) => {

@@ -2,13 +2,13 @@
 
 import assert from "node:assert/strict";
 import { join } from "node:path";
-import { browser, close, open, shots } from "./page.mjs";
+import { newContext, close, open, shots } from "./page.mjs";
 
 const guarded = process.env.FLANKWATCH_GUARDED_URL;
 const token = process.env.FLANKWATCH_TOKEN;
 
 async function logIn(address, words, options = {}) {
-  const context = await browser.newContext(options);
+  const context = await newContext(options);
   const page = await context.newPage();
   await page.goto(`${guarded}/${address}`);
   await page.getByRole("dialog").getByLabel("Token").fill(words);

@@ -3,6 +3,7 @@
 #![cfg(test)]
 
 mod broker;
+mod documented_start;
 mod faults;
 mod many_workers;
 mod mqtt;
@@ -16,7 +17,9 @@ mod queue;
 mod resumable;
 mod same_bits;
 mod site;
+mod streams;
 mod tokens;
+mod upgrade;
 mod upkeep;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
@@ -38,3 +41,6 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/stream_socket.rs"]
+mod stream_socket;

@@ -8,13 +8,14 @@ use serde_json::{Value, json};
 use crate::broker::{Broker, LONGEST, Listener, Sender, unique};
 use crate::mqtt::feed;
 use crate::running::{Service, plain_asset};
+use crate::stream_socket::StreamSocket;
 
 const RATE_HZ: u64 = 1000;
 const BLOCK: u64 = 100;
 
-/// Starts a service on its own database, as a shared one has no streams; all samples become records of 2 s.
+/// Starts a service, on the shared database if there is one; all samples become records of 2 s.
 fn service() -> Service {
-    let service = Service::start_with(|config| config.store = None);
+    let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["stream"] = json!({ "record_s": 2.0, "interval_s": 2.0 });
     service.post_json("/v1/assets", &asset).expect(201);
@@ -169,4 +170,51 @@ fn invalid_blocks_are_rejected_with_the_reason() {
     send("pump", "in", &block(BLOCK, time_of(BLOCK), rate_hz));
     service.wait_for("/v1/assets/pump/stream?name=in", |stream| stream["next"] == 2 * BLOCK);
     service.run(feed.stop(LONGEST));
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn points_count_towards_the_limit_on_streams() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = Service::start_with(|config| config.work.streams_at_once = 3);
+    service.plain_asset("pump");
+    let root = unique("places");
+    let listener = Listener::connect(port, &format!("{root}/+/+/rejected"));
+    let feed = feed(&service, port, &root, "");
+    let mut sender = Sender::connect(port);
+    let mut send = |point: &str, first: u64| {
+        sender.send(&format!("{root}/pump/{point}/samples"), &block(first, time_of(first), RATE_HZ as f64));
+    };
+    let stored = |point: &str, next: u64| {
+        let path = format!("/v1/assets/pump/stream?name={point}");
+        let began = std::time::Instant::now();
+        while service.get(&path).json()["next"] != next {
+            assert!(began.elapsed() < LONGEST, "{point}");
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+    };
+    for point in ["a", "b"] {
+        send(point, 0);
+        stored(point, BLOCK);
+    }
+    // Three quarters of them are two.
+    send("c", 0);
+    let (topic, problem) = listener.wait_for(1).pop().unwrap();
+    assert_eq!((topic, &problem["status"]), (format!("{root}/pump/c/rejected"), &json!(503)), "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("limits.streams"), "{problem}");
+    let path = |name: &str| {
+        service.url(&format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz=1000&name={name}"))
+    };
+    let _held = StreamSocket::open(&path("d"), &[]).unwrap();
+    assert_eq!(StreamSocket::open(&path("e"), &[]).map(|_| ()), Err(503));
+    // Points that have a place go on.
+    send("a", BLOCK);
+    stored("a", 2 * BLOCK);
+    service.run(feed.stop(LONGEST));
+    let began = std::time::Instant::now();
+    while StreamSocket::open(&path("e"), &[]).is_err() {
+        assert!(began.elapsed() < LONGEST, "the places of the points are not free");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
 }

@@ -74,16 +74,16 @@ pub(super) struct Program {
 }
 
 impl Program {
-    pub(super) fn api(config: &Path, folder: &Path) -> Self {
-        Self::start(&["serve", "--listen", "127.0.0.1:0"], config, folder)
+    pub(super) fn api(program: &Path, config: &Path, folder: &Path) -> Self {
+        Self::start(program, &["serve", "--listen", "127.0.0.1:0"], config, folder)
     }
 
-    pub(super) fn worker(config: &Path, folder: &Path) -> Self {
-        Self::start(&["work", "--health", "127.0.0.1:0"], config, folder)
+    pub(super) fn worker(program: &Path, config: &Path, folder: &Path) -> Self {
+        Self::start(program, &["work", "--health", "127.0.0.1:0"], config, folder)
     }
 
-    fn start(arguments: &[&str], config: &Path, folder: &Path) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
+    fn start(program: &Path, arguments: &[&str], config: &Path, folder: &Path) -> Self {
+        let mut command = Command::new(program);
         command
             .args(arguments)
             .arg("--config")

@@ -31,6 +31,11 @@ pub(super) fn rounds() -> u32 {
     std::env::var("FLANKWATCH_FAULT_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap())
 }
 
+/// Returns the program under test.
+pub(super) fn this_program() -> PathBuf {
+    PathBuf::from(env!("CARGO_BIN_EXE_flankwatch"))
+}
+
 /// The servers of a cluster, and the settings of its processes.
 pub(super) struct Site {
     folder: TempDir,
@@ -40,6 +45,8 @@ pub(super) struct Site {
     pub(super) postgres: Option<PostgresServer>,
     pub(super) nats: NatsServer,
     pub(super) objects: String,
+    /// The program of the processes that are started from now on.
+    pub(super) program: PathBuf,
     started: u32,
 }
 
@@ -59,7 +66,8 @@ impl Site {
         let nats = NatsServer::start(folder.path());
         let settings = database.settings(folder.path());
         let objects = format!("folder = {:?}", folder.path().join("objects"));
-        Self { settings, database, postgres, nats, objects, folder, started: 0 }
+        let program = this_program();
+        Self { settings, database, postgres, nats, objects, program, folder, started: 0 }
     }
 
     /// Returns the address of the database server.
@@ -99,12 +107,12 @@ impl Site {
 
     pub(super) fn api(&mut self, config: &Path) -> Program {
         let folder = self.own_folder();
-        Program::api(config, &folder)
+        Program::api(&self.program, config, &folder)
     }
 
     pub(super) fn worker(&mut self, config: &Path) -> Program {
         let folder = self.own_folder();
-        Program::worker(config, &folder)
+        Program::worker(&self.program, config, &folder)
     }
 }
 

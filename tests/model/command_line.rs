@@ -193,7 +193,7 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
         let (wear, truth) = (&record["wear"], record["reference_wear_um"].as_f64().unwrap());
         let um = |name: &str| wear[name].as_f64().unwrap();
         assert!(index < 50 || (um("median_um") - truth).abs() < 10.0 + 0.3 * truth, "{wear} at {truth}");
-        covered += usize::from((um("p05_um")..=um("p95_um")).contains(&truth));
+        covered += usize::from((um("low_um")..=um("high_um")).contains(&truth));
     }
     assert!(covered >= 95, "{covered} of 100 intervals hold the truth");
 

@@ -33,7 +33,7 @@ const PIECE: usize = 5120;
 const GEARBOX_RATE_HZ: f64 = 12_800.0;
 const GEARBOX_BASELINE: usize = 12;
 
-/// Wear in µm that counts as claimed if it is exceeded with 95 % probability; healthy pieces get up to 1.
+/// Wear in µm that counts as claimed if it is below the interval; healthy pieces get up to 1.
 const CLAIM_UM: f64 = 3.0;
 
 fn ensemble(pair: &PairSpec, max_wear_um: f64, sample_rate_hz: f64) -> Arc<Ensemble> {
@@ -288,9 +288,9 @@ struct Answered {
     sensor: usize,
     /// Number of pieces with a wear depth, including 0.
     with_depth: usize,
-    /// Number of pieces with claimed wear: 95 % probability of more wear than healthy pieces get.
+    /// Number of pieces with claimed wear: an interval above what healthy pieces get.
     claimed: usize,
-    /// Maximum wear claimed with 95 % probability, in µm.
+    /// Greatest lower end of an interval, in µm.
     least_um: f64,
     /// The first flagged piece.
     first: Option<usize>,
@@ -306,8 +306,8 @@ impl Answered {
             flagged: count(&|answer| answer.status == WearStatus::OutsideLibrary) + sensor,
             sensor,
             with_depth: count(&|answer| answer.median_um.is_some()),
-            claimed: count(&|answer| answer.p05_um.is_some_and(|um| um > CLAIM_UM)),
-            least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
+            claimed: count(&|answer| answer.low_um.is_some_and(|um| um > CLAIM_UM)),
+            least_um: answers.iter().filter_map(|answer| answer.low_um).fold(0.0, f64::max),
             first: answers.iter().position(|answer| {
                 matches!(answer.status, WearStatus::OutsideLibrary | WearStatus::SensorFault)
             }),

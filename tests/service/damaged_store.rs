@@ -12,6 +12,9 @@ use tempfile::TempDir;
 
 use crate::running::{Answer, Service, record};
 
+/// Number of stored records: enough that the schema, without which no start succeeds, is a small part of the file.
+const RECORDS: u32 = 360;
+
 /// Returns a stopped service with some records and a copy of its database; `None` with a shared database.
 fn with_copy() -> Option<(Service, TempDir)> {
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_ok() {
@@ -19,8 +22,7 @@ fn with_copy() -> Option<(Service, TempDir)> {
     }
     let mut service = Service::start();
     service.plain_asset("pump");
-    // Enough records that the schema is in the first half of the file.
-    for n in 0..120 {
+    for n in 0..RECORDS {
         service.upload("pump", &record("1", n));
     }
     service.stop();
@@ -63,7 +65,7 @@ fn a_damaged_database_is_reported_and_not_written_to() {
     service.launch();
     let ready = not_ready(&service).expect("not ready within 10 s").json();
     assert!(ready["database"].as_str().unwrap().contains("damaged"), "{ready}");
-    let block = encode_block(&record("1", 200), BlockEncoding::Json);
+    let block = encode_block(&record("1", RECORDS), BlockEncoding::Json);
     service
         .post("/v1/assets/pump/segments", "application/json", &block)
         .expect_problem(503, &["database", "damaged"]);
@@ -81,7 +83,7 @@ fn a_database_with_another_header_is_refused_at_once() {
     assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
     put(copy.path(), service.folder());
     service.launch();
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 120);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], RECORDS);
 }
 
 #[test]
@@ -115,7 +117,7 @@ fn flipped_bits_of_a_database_are_reported_and_nothing_hangs() {
                 assert!(detail.contains("damaged"), "seed {seed}, {what}: {detail}");
             }
         }
-        let block = encode_block(&record("1", 200), BlockEncoding::Json);
+        let block = encode_block(&record("1", RECORDS), BlockEncoding::Json);
         let answer = service.post("/v1/assets/pump/segments", "application/json", &block);
         assert_eq!(answer.status, 503, "seed {seed}");
         service.stop();

@@ -150,7 +150,7 @@ fn a_mail_that_a_server_defers_is_sent_again() {
         "Auto-Submitted: auto-generated",
         "@plant.example>\r\n",
         "Severity   danger",
-        "Indicator rms",
+        "Quantity   RMS",
     ] {
         assert!(mail.contains(words), "{words} in {mail}");
     }

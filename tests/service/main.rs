@@ -18,8 +18,6 @@ mod envelopes;
 mod events;
 mod gear_indicators;
 mod integrations;
-// With a shared database, which the feature brings, there are no streams.
-#[cfg(not(feature = "cluster"))]
 mod live_view;
 mod lost_database;
 mod mail;
@@ -33,12 +31,13 @@ mod recomputing;
 mod record_table;
 mod recordings;
 mod resumable_uploads;
+mod schemathesis;
 mod segments;
 mod silence;
 mod simulations;
-#[cfg(not(feature = "cluster"))]
+mod sound_cards;
 mod stream_cuts;
-#[cfg(not(feature = "cluster"))]
+mod stream_tachometers;
 mod streams;
 mod tables;
 mod token_pages;
@@ -69,7 +68,7 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
-#[cfg(not(feature = "cluster"))]
+#[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/stream_socket.rs"]
 mod stream_socket;
 #[allow(dead_code, reason = "each of the test programs uses a part")]

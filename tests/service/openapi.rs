@@ -1,15 +1,11 @@
-//! The API description, and the API checked against it.
-
-use std::path::PathBuf;
-use std::process::Command;
+//! The API description.
 
 use flankwatch::http::Scope;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::alarms::{at_once, loud, watched};
 use crate::running::{Service, mcap, record};
 use crate::tokens::Tokens;
-use flankwatch_test_support::needed;
 
 fn description(service: &Service) -> Value {
     service.get("/openapi.json").expect(200).json()
@@ -108,90 +104,6 @@ fn every_example_of_a_request_runs() {
         }
     }
     assert!(sent >= 10, "{sent}");
-}
-
-/// Returns the tool, from the path or the environment.
-fn schemathesis() -> PathBuf {
-    let named = std::env::var_os("FLANKWATCH_SCHEMATHESIS").map(PathBuf::from);
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let on_path = std::env::split_paths(&path).map(|folder| folder.join("schemathesis"));
-    let found = named.into_iter().chain(on_path).find(|path| path.is_file());
-    needed(found, "schemathesis (pip install schemathesis)")
-}
-
-#[test]
-#[ignore = "needs schemathesis (pip install schemathesis)"]
-fn schemathesis_finds_no_error_and_no_undocumented_response() {
-    let tool = schemathesis();
-    let service = Service::start();
-    service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
-    let segment = service.upload("gearbox-1", &loud(0, 4.0));
-    let segment = segment["id"].as_str().unwrap();
-    let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"].clone();
-    let folder = tempfile::tempdir().unwrap();
-    // What exists is asked for too, not only made-up names.
-    let hints = json!({ "asset": "gearbox-1", "segment": segment, "alarm": alarm });
-    // Previews respond with errors in the body, and resumable uploads answer an unsupported version with 412.
-    let rejected = "negative_data_rejection.expected-statuses";
-    let previews = ["preview", "csv-preview", "recording-preview"].map(|path| {
-        format!("[[operations]]\ninclude-path = \"/v1/{path}\"\nchecks.{rejected} = [\"200\", \"4xx\"]\n")
-    });
-    let config = format!(
-        "[checks]\n{rejected} = [\"4xx\", \"5xx\"]\nmissing_required_header.expected-statuses = [\"4xx\"]\n{}[parameters]\n{}",
-        previews.concat(),
-        hints
-            .as_object()
-            .unwrap()
-            .iter()
-            .map(|(name, value)| format!("\"path.{name}\" = {value}\n"))
-            .collect::<String>()
-    );
-    std::fs::write(folder.path().join("schemathesis.toml"), config).unwrap();
-    let bytes = ["offset+octet-stream", "mcap", "x-matlab-data", "x-npy", "x-protobuf"]
-        .map(|kind| (format!("application/{kind}"), "application/octet-stream"));
-    let others = [("application/toml", "text/plain"), ("audio/flac", "application/octet-stream")]
-        .map(|(kind, like)| (kind.to_owned(), like));
-    let aliases = bytes
-        .into_iter()
-        .chain(others)
-        .map(|(kind, like)| format!("schemathesis.serializer.alias(\"{kind}\", \"{like}\")\n"));
-    let hooks = ["import schemathesis\n\n".to_owned()].into_iter().chain(aliases).collect::<String>();
-    std::fs::write(folder.path().join("hooks.py"), hooks).unwrap();
-    let output = Command::new(tool)
-        .current_dir(folder.path())
-        .arg("run")
-        .arg(service.url("/openapi.json"))
-        // All but one: what fields may be together is said in words, not in the schema, and so are names that
-        // have to exist.
-        .args(["--checks", "all", "--exclude-checks", "positive_data_acceptance"])
-        .args([
-            "--max-examples",
-            "15",
-            "--seed",
-            "1",
-            "--phases",
-            "examples,coverage,fuzzing",
-            "--suppress-health-check",
-            "all",
-        ])
-        // A stream of events has no end, and after the first token nothing is answered without one; both have
-        // tests of their own.
-        .args([
-            "--exclude-method",
-            "DELETE",
-            "--exclude-path",
-            "/v1/events",
-            "--exclude-path",
-            "/v1/assets/{asset}/stream/live",
-            "--exclude-path",
-            "/v1/tokens",
-            "--no-color",
-        ])
-        .env("SCHEMATHESIS_HOOKS", "hooks")
-        .output()
-        .unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// Returns the names in the first column of the table of docs/api.md with this heading.

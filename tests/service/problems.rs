@@ -28,6 +28,7 @@ fn an_invalid_path_method_type_or_parameter_is_answered_with_a_problem() {
         service.get(&format!("{segments}?{query}")).expect_problem(400, &[]);
     }
     service.get("/v1/assets/pump/wear/history?max_points=1").expect_problem(400, &["max_points"]);
+    service.get("/v1/assets/pump/waterfall?max=1e300").expect_problem(400, &["max is 1e300"]);
     service.get("/v1/assets/pump/wear?channel=9").expect_problem(404, &["9"]);
     service.get("/v1/assets/none/segments").expect_problem(404, &["none"]);
     service.get("/v1/assets/NONE").expect_problem(404, &["NONE"]);
@@ -36,6 +37,45 @@ fn an_invalid_path_method_type_or_parameter_is_answered_with_a_problem() {
     service.get("/v1/libraries/..%2Fsecret").expect_problem(404, &[]);
     service.get("/v1/replays/77").expect_problem(404, &["77"]);
     service.post("/v1/assets/none/segments", "audio/wav", &wav(&[samples(1)])).expect_problem(404, &["none"]);
+}
+
+#[test]
+fn a_value_of_the_wrong_type_is_answered_with_its_path() {
+    let service = Service::start();
+    let described = |place: &str, value: serde_json::Value| {
+        let mut asset = crate::running::plain_asset("pump");
+        asset["gear"]["pair"] = json!({
+            "geometry": {
+                "teeth": [31, 62], "module_mm": 2.0, "face_width_mm": 20.0, "bore_radius_mm": [10.0, 20.0],
+            },
+            "operation": { "torque_nm": 10.0, "shaft_speed_hz": 10.0 },
+        });
+        asset["points"] = json!([{ "channel": "1", "calibration_due": "2027-01-31" }]);
+        *asset.pointer_mut(place).unwrap() = value;
+        service.post_json("/v1/assets", &asset)
+    };
+    let pair = "/gear/pair/geometry";
+    for (place, value, field, words) in [
+        (format!("{pair}/teeth"), json!([31, 62, 27]), "gear.pair.geometry.teeth", "too many elements"),
+        (format!("{pair}/module_mm"), json!("2"), "gear.pair.geometry.module_mm", "f64"),
+        ("/points/0/calibration_due".to_owned(), json!("soon"), "points[0].calibration_due", "year"),
+    ] {
+        let problem = described(&place, value).expect_problem(422, &[field, words]);
+        assert_eq!(problem["field"], field, "{problem}");
+    }
+    let huge = described("/gear/shaft_speed_hz", json!(1e308));
+    assert_eq!(huge.expect_problem(422, &["gear.shaft_speed_hz is 1e308"])["value"], "1e308");
+    service.post("/v1/assets", "application/json", b"{ \"id\": ").expect_problem(400, &["invalid body"]);
+}
+
+#[test]
+fn the_length_of_a_name_is_counted_in_characters() {
+    let service = Service::start();
+    let mut asset = crate::running::plain_asset("pump");
+    asset["name"] = json!("ä".repeat(200));
+    service.post_json("/v1/assets", &asset).expect(201);
+    asset["name"] = json!("ä".repeat(201));
+    service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["name", "200 characters"]);
 }
 
 #[test]

@@ -280,6 +280,9 @@ fn channels_of_a_recording_get_other_names_and_units() {
     assert!((read / (f64::from(samples(1)[7]) * 9.80665) - 1.0).abs() < 1e-5, "{read}");
     let again = send("recorded_channels=x,y&channel_names=input,x&channel_units=g,mm/s").expect(201).json();
     assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(4)));
+    assert!(again["missing_channels"].is_null(), "{again}");
+    let odd = send("recorded_channels=X,y&channel_names=input,x").expect(201).json();
+    assert_eq!(odd["missing_channels"], json!(["X"]), "{odd}");
 
     send("recorded_channels=x,y&channel_names=a").expect_problem(422, &["recorded_channels"]);
     send("recorded_channels=x,y&channel_names=a,a").expect_problem(422, &["channel_names", "at most once"]);

@@ -8,21 +8,11 @@ use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
 use crate::running::{Service, plain_asset};
-use crate::stream_socket::StreamSocket;
+use crate::stream_socket::{StreamSocket, frames};
 
 const RATE_HZ: u64 = 1000;
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: i64 = 1_767_225_600_000_000_000;
-
-/// Returns reproducible noise, `factor` times as loud from an index on.
-fn frames(first: u64, count: u64, loud_from: u64) -> Vec<u8> {
-    let value = |k: u64| {
-        let noise = (k.wrapping_mul(2_654_435_761) >> 7) % 2001;
-        let factor = if k >= loud_from { 20.0 } else { 1.0 };
-        (noise as f32 / 1000.0 - 1.0) * factor
-    };
-    (first..first + count).map(value).flat_map(f32::to_le_bytes).collect()
-}
 
 fn service(stream: &Value, more: &Value) -> Service {
     let service = Service::start();

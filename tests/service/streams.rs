@@ -349,7 +349,7 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
 
 #[test]
 fn streams_are_limited_and_require_a_write_token() {
-    let service = Service::start_with(|config| config.http.streams = 4);
+    let service = Service::start_with(|config| config.work.streams_at_once = 4);
     service.plain_asset("pump");
     let names = ["a", "b", "c"];
     let held: Vec<StreamSocket> = names.iter().map(|name| open(&service, &format!("&name={name}"))).collect();

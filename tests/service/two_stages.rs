@@ -203,7 +203,8 @@ fn the_wear_of_both_stages_is_tracked_with_one_sensor() {
         for (n, row) in (0..).zip(rows) {
             let truth = runs[stage].wear_um(n);
             let number = |name: &str| row[name].as_f64();
-            let Some((median, (low, high))) = number("median_um").zip(number("p05_um").zip(number("p95_um")))
+            let Some((median, (low, high))) =
+                number("median_um").zip(number("low_um").zip(number("high_um")))
             else {
                 continue;
             };
@@ -218,8 +219,23 @@ fn the_wear_of_both_stages_is_tracked_with_one_sensor() {
         let alarms = service.get(&format!("/v1/alarms?asset={id}")).expect(200).json();
         let raised = alarms["items"].as_array().unwrap().iter().find(|alarm| alarm["quantity"] == "wear_um");
         assert_eq!(raised.unwrap()["severity"], "danger", "{id}: {alarms}");
+        shows_the_wear(&service, id, rows.last().unwrap());
     }
     looks_back_from_an_inspection(&service, &runs[0]);
+}
+
+/// Checks that the metrics of an asset have the median and the interval of a wear estimate.
+fn shows_the_wear(service: &Service, id: &str, row: &Value) {
+    let metrics = String::from_utf8(service.get("/metrics/machines").expect(200).bytes).unwrap();
+    for (name, label, value) in [
+        ("flankwatch_wear_depth_um", r#"quantile="0.5""#, "median_um"),
+        ("flankwatch_wear_depth_interval_um", r#"bound="low""#, "low_um"),
+        ("flankwatch_wear_depth_interval_um", r#"bound="high""#, "high_um"),
+    ] {
+        let line = format!("{name}{{asset=\"{id}\",channel=\"in\",{label}}} ");
+        let shown = metrics.lines().find_map(|shown| shown.strip_prefix(&line)).map(str::parse::<f64>);
+        assert_eq!(shown, row[value].as_f64().map(Ok), "{line}: {metrics}");
+    }
 }
 
 /// Checks how an inspection of the first stage changes the estimates of earlier records.
@@ -236,7 +252,7 @@ fn looks_back_from_an_inspection(service: &Service, run: &Run) {
     let items = looked_back["items"].as_array().unwrap();
     assert!(items.len() >= 30 && items.last().unwrap()["start_time"].as_str() < Some(at), "{looked_back}");
     let width = |rows: &[Value]| {
-        let of = |row: &Value| row["p95_um"].as_f64().unwrap() - row["p05_um"].as_f64().unwrap();
+        let of = |row: &Value| row["high_um"].as_f64().unwrap() - row["low_um"].as_f64().unwrap();
         rows.iter().map(of).sum::<f64>() / rows.len() as f64
     };
     let estimated: Vec<Value> = history["items"].as_array().unwrap()[16..50]

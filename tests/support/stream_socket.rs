@@ -40,8 +40,13 @@ impl StreamSocket {
 
     /// Sends samples starting at an index, with the sender's time of the first one.
     pub(crate) fn send(&mut self, first: u64, time_ns: i64, samples: &[u8]) {
+        assert!(self.try_send(first, time_ns, samples), "the connection is lost");
+    }
+
+    /// Sends samples; returns whether the connection is still there.
+    pub(crate) fn try_send(&mut self, first: u64, time_ns: i64, samples: &[u8]) -> bool {
         let message = [&first.to_le_bytes()[..], &time_ns.to_le_bytes(), samples].concat();
-        self.socket.send(Message::Binary(message.into())).unwrap();
+        self.socket.send(Message::Binary(message.into())).is_ok()
     }
 
     pub(crate) fn send_json(&mut self, message: &Value) {
@@ -78,4 +83,14 @@ impl StreamSocket {
             }
         }
     }
+}
+
+/// Returns reproducible noise as frames of one channel, twenty times as loud from an index on.
+pub(crate) fn frames(first: u64, count: u64, loud_from: u64) -> Vec<u8> {
+    let value = |k: u64| {
+        let noise = (k.wrapping_mul(2_654_435_761) >> 7) % 2001;
+        let factor = if k >= loud_from { 20.0 } else { 1.0 };
+        (noise as f32 / 1000.0 - 1.0) * factor
+    };
+    (first..first + count).map(value).flat_map(f32::to_le_bytes).collect()
 }

@@ -138,7 +138,7 @@ impl Motion {
     }
 
     /// Performs one step of several systems in parallel, which differ in damping and backlash. The
-    /// excitations are those at the step's start, middle and end. Every lane equals the result of
+    /// excitations are those at start, middle and end of each one's step. Every lane equals the result of
     /// [`Motion::step`].
     #[inline(always)]
     pub(super) fn step_lanes<const LANES: usize>(
@@ -146,13 +146,16 @@ impl Motion {
         differing: &LaneMotion<LANES>,
         states: &mut Lanes<LANES>,
         excitation: [&LaneExcitation<LANES>; 3],
-        step: f64,
+        lengths: &[f64; LANES],
     ) {
         for lane in 0..LANES {
             let three = excitation
                 .map(|[stiffness, error]| Excitation { stiffness: stiffness[lane], error: error[lane] });
-            let after =
-                self.of_lane(differing, lane).step(&std::array::from_fn(|i| states[i][lane]), &three, step);
+            let after = self.of_lane(differing, lane).step(
+                &std::array::from_fn(|i| states[i][lane]),
+                &three,
+                lengths[lane],
+            );
             for (row, value) in states.iter_mut().zip(after) {
                 row[lane] = value;
             }

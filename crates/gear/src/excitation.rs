@@ -124,7 +124,7 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
     }
 
     /// Returns the excitation at a phase from 0 to 1. A lane's values are valid if its cell is not cut.
-    #[inline]
+    #[inline(always)]
     pub(super) fn at(&self, phase: f64) -> LaneExcitation<LANES> {
         let place = phase * CELLS as f64;
         let cell = (place as usize).min(CELLS - 1);

@@ -26,90 +26,95 @@ const WEIGHTS: [&[f64]; STAGES - 1] = [
     ],
 ];
 
-/// Constants of all steps of one length.
+/// Constants of all steps of one length for each system.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct StiffStep {
-    length: f64,
-    stage: Stage,
+pub(super) struct StiffStep<const LANES: usize> {
+    lengths: [f64; LANES],
+    stage: Stage<LANES>,
 }
 
 /// A stage that includes `part` seconds of its own slope.
 #[derive(Debug, Clone, Copy)]
-struct Stage {
-    part: f64,
+struct Stage<const LANES: usize> {
+    part: [f64; LANES],
     /// Factors of the supports on the velocities ẏ₁, ẏ₂ within that part.
-    left: [f64; 2],
+    left: [[f64; LANES]; 2],
 }
 
-impl StiffStep {
-    /// Prepares steps of `length` seconds for motions with these masses and supports.
-    pub(super) fn new(motion: &Motion, length: f64) -> Self {
-        let part = DIAGONAL * length;
+impl<const LANES: usize> StiffStep<LANES> {
+    /// Prepares steps of `lengths` seconds for motions with these masses and supports.
+    #[inline(always)]
+    pub(super) fn new(motion: &Motion, lengths: [f64; LANES]) -> Self {
+        let part = lengths.map(|length| DIAGONAL * length);
         let left = [1, 2].map(|i| {
-            1.0 / (1.0
-                + part
-                    * motion.inverse_mass_per_kg[i]
-                    * (motion.support_damping_n_s_per_m + part * motion.support_stiffness_n_per_m))
+            part.map(|part| {
+                1.0 / (1.0
+                    + part
+                        * motion.inverse_mass_per_kg[i]
+                        * (motion.support_damping_n_s_per_m + part * motion.support_stiffness_n_per_m))
+            })
         });
-        Self { length, stage: Stage { part, left } }
-    }
-
-    pub(super) fn length(&self) -> f64 {
-        self.length
+        Self { lengths, stage: Stage { part, left } }
     }
 
     /// The states of several systems after a step, each with its own damping and backlash, and with the
     /// excitation at the stages' [times](STAGE_TIMES).
     #[inline(always)]
-    pub(super) fn advance<const LANES: usize>(
+    pub(super) fn advance(
         &self,
         motion: &Motion,
         differing: &LaneMotion<LANES>,
         states: &Lanes<LANES>,
         excitation: [&LaneExcitation<LANES>; STAGES],
     ) -> Lanes<LANES> {
-        let mut slopes = [[[0.0; LANES]; 6]; STAGES];
-        slopes[0] = Stage::EXPLICIT.slopes(motion, differing, states, excitation[0]);
+        // One by one: as an array they would be moved.
+        let [one, two, three] = WEIGHTS;
+        let first = Stage::<LANES>::EXPLICIT.slopes(motion, differing, states, excitation[0]);
         let mut known = *states;
-        for stage in 1..STAGES {
-            known = *states;
-            for (before, weight) in WEIGHTS[stage - 1].iter().enumerate() {
-                let weight = self.length * weight;
-                for i in 0..6 {
-                    for lane in 0..LANES {
-                        known[i][lane] += weight * slopes[before][i][lane];
-                    }
-                }
-            }
-            slopes[stage] = self.stage.slopes(motion, differing, &known, excitation[stage]);
-        }
-        for i in 0..6 {
-            for lane in 0..LANES {
-                known[i][lane] += self.stage.part * slopes[STAGES - 1][i][lane];
-            }
-        }
+        self.add(&mut known, one[0], &first);
+        let second = self.stage.slopes(motion, differing, &known, excitation[1]);
+        known = *states;
+        self.add(&mut known, two[0], &first);
+        self.add(&mut known, two[1], &second);
+        let third = self.stage.slopes(motion, differing, &known, excitation[2]);
+        known = *states;
+        self.add(&mut known, three[0], &first);
+        self.add(&mut known, three[1], &second);
+        self.add(&mut known, three[2], &third);
+        let fourth = self.stage.slopes(motion, differing, &known, excitation[3]);
+        self.add(&mut known, DIAGONAL, &fourth);
         known
+    }
+
+    /// Adds the slopes times a part of each step.
+    #[inline(always)]
+    fn add(&self, known: &mut Lanes<LANES>, weight: f64, slopes: &Lanes<LANES>) {
+        for (known, slopes) in known.iter_mut().zip(slopes) {
+            for lane in 0..LANES {
+                known[lane] += weight * self.lengths[lane] * slopes[lane];
+            }
+        }
     }
 }
 
-impl Stage {
-    const EXPLICIT: Self = Self { part: 0.0, left: [1.0, 1.0] };
+impl<const LANES: usize> Stage<LANES> {
+    const EXPLICIT: Self = Self { part: [0.0; LANES], left: [[1.0; LANES]; 2] };
 
     /// Returns the slopes at `known` + `part` × slope.
     #[inline(always)]
-    fn slopes<const LANES: usize>(
+    fn slopes(
         &self,
         motion: &Motion,
         differing: &LaneMotion<LANES>,
         known: &Lanes<LANES>,
         [stiffness, error]: &LaneExcitation<LANES>,
     ) -> Lanes<LANES> {
-        let (part, [mesh, first, second]) = (self.part, motion.inverse_mass_per_kg);
+        let [mesh, first, second] = motion.inverse_mass_per_kg;
         let (support, damper) = (motion.support_stiffness_n_per_m, motion.support_damping_n_s_per_m);
-        let [left1, left2] = self.left;
-        let soft = mesh + first * left1 + second * left2;
         let mut slopes = [[0.0; LANES]; 6];
         for lane in 0..LANES {
+            let (part, [left1, left2]) = (self.part[lane], self.left.each_ref().map(|left| left[lane]));
+            let soft = mesh + first * left1 + second * left2;
             let [x, y1, y2, v0, v1, v2] = known.each_ref().map(|row| row[lane]);
             let damping = differing.mesh_damping_n_s_per_m[lane];
             // ẏ₁ and ẏ₂, and the final values of x, y₁ and y₂, without the teeth's force.
@@ -161,7 +166,7 @@ mod tests {
 
     fn implicitly(motion: &Motion, start: State, seconds: f64, steps: usize) -> State {
         let length = seconds / steps as f64;
-        let step = StiffStep::new(motion, length);
+        let step = StiffStep::new(motion, [length]);
         (0..steps).fold(start, |state, n| {
             let stages: [_; STAGES] = STAGE_TIMES.map(|place| {
                 let Excitation { stiffness, error } = excitation((n as f64 + place) * length);

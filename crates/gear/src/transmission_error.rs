@@ -20,8 +20,8 @@ pub(super) struct RandomError {
     range_m: f64,
     clock_hz: f64,
     tick: i64,
-    /// Values at the tick and at the next.
-    values: [f64; 2],
+    /// Values at the tick before, at the tick and at the next.
+    values: [f64; 3],
 }
 
 impl RandomError {
@@ -31,34 +31,38 @@ impl RandomError {
             range_m: spec.random_um * 1e-6,
             clock_hz: spec.random_clock_hz,
             tick: 0,
-            values: [0.0; 2],
+            values: [0.0; 3],
         };
         error.seek(0);
         error
     }
 
-    /// Returns e_error in metres at `seconds` from the run's start; fast if calls are consecutive in time.
+    /// Returns e_error in metres at `seconds` from the run's start; fast if calls are consecutive in time, or
+    /// go back by at most one tick.
     pub(super) fn at(&mut self, seconds: f64) -> f64 {
         let place = seconds * self.clock_hz;
         let tick = place.floor();
         let index = tick as i64;
+        if index == self.tick - 1 {
+            return self.values[0] + (place - tick) * (self.values[1] - self.values[0]);
+        }
         if index != self.tick {
             if index == self.tick + 1 {
                 self.tick = index;
-                self.values = [self.values[1], self.draw()];
+                self.values = [self.values[1], self.values[2], self.draw()];
             } else {
                 self.seek(index);
             }
         }
-        self.values[0] + (place - tick) * (self.values[1] - self.values[0])
+        self.values[1] + (place - tick) * (self.values[2] - self.values[1])
     }
 
     fn seek(&mut self, tick: i64) {
         // A value takes two of the generator's 32-bit words.
-        let index = INDEX_OF_START.saturating_add(tick).max(0);
+        let index = INDEX_OF_START.saturating_add(tick).saturating_sub(1).max(0);
         self.generator.set_word_pos(u128::from(index.unsigned_abs()) * 2);
         self.tick = tick;
-        self.values = [self.draw(), self.draw()];
+        self.values = [self.draw(), self.draw(), self.draw()];
     }
 
     fn draw(&mut self) -> f64 {
@@ -67,9 +71,41 @@ impl RandomError {
     }
 }
 
-/// Returns e_A1 in metres at a shaft angle in turns: A₁ sin(2π f₁ t).
-pub(super) fn long_period_m(spec: &Errors, shaft_turns: f64) -> f64 {
-    spec.long_period_um * 1e-6 * (TAU * shaft_turns).sin()
+/// Distance in radians between the angles at which [`LongPeriodError`] computes sine and cosine.
+const SINE_SPACING_RAD: f64 = 0.02;
+
+/// e_A1 over the shaft's angle: A₁ sin(2π f₁ t). From sine and cosine at one of evenly spaced angles
+/// it is a polynomial, which is exact to rounding and faster for calls at neighbouring angles.
+#[derive(Debug)]
+pub(super) struct LongPeriodError {
+    amplitude_m: f64,
+    /// Number of the last of these angles towards zero, and sine and cosine there.
+    number: i64,
+    sine: f64,
+    cosine: f64,
+}
+
+impl LongPeriodError {
+    pub(super) fn new(spec: &Errors) -> Self {
+        Self { amplitude_m: spec.long_period_um * 1e-6, number: 0, sine: 0.0, cosine: 1.0 }
+    }
+
+    /// Returns e_A1 in metres at a shaft angle in turns.
+    #[inline]
+    pub(super) fn at(&mut self, shaft_turns: f64) -> f64 {
+        let angle = TAU * shaft_turns;
+        let number = (angle * (1.0 / SINE_SPACING_RAD)) as i64;
+        if number != self.number {
+            self.number = number;
+            (self.sine, self.cosine) = (number as f64 * SINE_SPACING_RAD).sin_cos();
+        }
+        let x = angle - number as f64 * SINE_SPACING_RAD;
+        let square = x * x;
+        // The next terms are below 1e-13.
+        let cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0));
+        let sine = x * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
+        self.amplitude_m * (self.sine * cosine + self.cosine * sine)
+    }
 }
 
 /// Returns e_A2 in metres at a phase in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh
@@ -80,7 +116,7 @@ pub(super) fn short_period_m(spec: &Errors, mesh_periods: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{RandomError, long_period_m, short_period_m};
+    use super::{LongPeriodError, RandomError, short_period_m};
     use crate::testing::shen2022_spec;
 
     #[test]
@@ -125,7 +161,12 @@ mod tests {
     #[test]
     fn periodic_errors_are_the_sines_of_equation_26() {
         let spec = shen2022_spec().errors();
-        assert!((long_period_m(&spec, 0.25) - 30e-6).abs() < 1e-18);
+        let mut long_period = LongPeriodError::new(&spec);
+        for n in -400..400 {
+            let turns = f64::from(n) * 0.0377;
+            let expected = 30e-6 * (std::f64::consts::TAU * turns).sin();
+            assert!((long_period.at(turns) - expected).abs() < 1e-17, "at {turns} turns");
+        }
         assert!((short_period_m(&spec, 1.0 / 12.0) - 7.5e-6).abs() < 1e-18);
     }
 }

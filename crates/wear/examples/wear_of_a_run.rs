@@ -61,12 +61,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mut state = tracker.start();
-    println!("record  true µm  estimate µm  (5 % to 95 %)");
+    println!("record  true µm  estimate µm  (90 % interval)");
     for index in 0..run.plan().records {
         let simulated = run.record(index)?;
         let analysis = analyzer.analyze(&simulated.record, &mesh);
         let estimate = tracker.update(&mut state, simulated.record.start_time(), &analysis.features);
-        match (estimate.median_um, estimate.p05_um, estimate.p95_um) {
+        match (estimate.median_um, estimate.low_um, estimate.high_um) {
             (Some(median), Some(low), Some(high)) => {
                 println!("{index:6} {:8.1} {median:12.1}  ({low:.1} to {high:.1})", simulated.wear_um);
             }

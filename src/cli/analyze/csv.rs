@@ -27,8 +27,8 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
     header.extend(FIRST);
     header.extend([
         "wear_median_um",
-        "wear_p05_um",
-        "wear_p95_um",
+        "wear_low_um",
+        "wear_high_um",
         "wear_status",
         "wear_cause",
         "novelty",
@@ -50,7 +50,7 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
         row.extend(FIRST.iter().map(|name| number(record.indicators.get(name))));
         let wear = record.wear.as_ref();
         row.extend(
-            [wear.and_then(|w| w.median_um), wear.and_then(|w| w.p05_um), wear.and_then(|w| w.p95_um)]
+            [wear.and_then(|w| w.median_um), wear.and_then(|w| w.low_um), wear.and_then(|w| w.high_um)]
                 .map(number),
         );
         row.extend([record.status(), record.cause()].map(Option::unwrap_or_default));

@@ -140,7 +140,7 @@ fn width(heading: &str, values: &[String]) -> usize {
 fn wear(record: &AnalyzedRecord) -> String {
     let Some(wear) = &record.wear else { return none() };
     let status = record.status().unwrap_or_default();
-    match (wear.median_um, wear.p05_um, wear.p95_um) {
+    match (wear.median_um, wear.low_um, wear.high_um) {
         (Some(_), Some(low), Some(high)) if wear.status != WearStatus::Estimated => {
             format!("{status} {low:.0} to {high:.0}")
         }

@@ -52,7 +52,7 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) ->
 }
 
 fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> String {
-    let depth = match (wear.at_least_um, wear.median_um, wear.p05_um, wear.p95_um) {
+    let depth = match (wear.at_least_um, wear.median_um, wear.low_um, wear.high_um) {
         (Some(least), ..) => format!("worn at least {least:.0} µm"),
         (_, Some(median), Some(low), Some(high)) => format!("worn {median:.0} µm ({low:.0} to {high:.0})"),
         _ => wear.reason.clone(),
@@ -77,8 +77,8 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
 /// overlap. Unlike a prognosis, this needs no limit.
 fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
     let first = estimates.iter().position(|estimate| estimate.status == latest.status);
-    let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
-    match before.zip(latest.p05_um) {
+    let before = first.and_then(|first| Some((first + 1, estimates[first].high_um?)));
+    match before.zip(latest.low_um) {
         Some(((record, highest), lowest)) if highest < lowest => {
             format!("; growing since record {record}")
         }
@@ -156,15 +156,15 @@ mod tests {
     fn wear_is_reported_with_its_growth() {
         let mut worn = WearEstimate {
             median_um: Some(85.2),
-            p05_um: Some(60.0),
-            p95_um: Some(110.0),
+            low_um: Some(60.0),
+            high_um: Some(110.0),
             ..wear(WearStatus::Estimated)
         };
         assert_eq!(summary(&[worn.clone()]), "worn 85 µm (60 to 110); no growth detected");
         let little = WearEstimate {
             median_um: Some(10.0),
-            p05_um: Some(0.0),
-            p95_um: Some(30.0),
+            low_um: Some(0.0),
+            high_um: Some(30.0),
             ..wear(WearStatus::Estimated)
         };
         let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];

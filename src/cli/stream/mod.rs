@@ -4,7 +4,11 @@
 //! dropped once the server has acknowledged it. Sample indices count from 1970 at the stream's rate: a sender
 //! that was stopped leaves a gap of the right length without storing its position.
 
+#[cfg(all(feature = "alsa", target_os = "linux"))]
+mod capture;
 mod sender;
+#[cfg(all(feature = "alsa", target_os = "linux"))]
+mod sound_card;
 mod source;
 mod spool;
 
@@ -14,7 +18,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use jiff::Timestamp;
 
 use super::interrupt::interrupted;
@@ -23,7 +27,7 @@ use super::{CliError, output};
 use crate::recording::RawSample;
 use crate::recording::stream::StreamFormat;
 use sender::{SendOutcome, Sender};
-use source::Source;
+use source::{SampleSource, Source, SourceBlock};
 use spool::{Block, Spool};
 
 /// Time to send the remaining blocks after Ctrl-C.
@@ -34,6 +38,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Arguments of `flankwatch stream`.
 #[derive(Args)]
+#[command(group = ArgGroup::new("without header").args(["sample", "alsa"]).multiple(true))]
 pub(super) struct StreamArgs {
     /// File to read, or - for standard input: WAV of any length, or raw samples with --sample and --rate
     #[arg(default_value = "-")]
@@ -46,14 +51,17 @@ pub(super) struct StreamArgs {
     /// Name of the stream, unique within the asset
     #[arg(long, default_value = "main")]
     name: String,
+    /// Sound card to read instead of a file or pipe, by its name in ALSA, such as hw:1; with --rate
+    #[arg(long, value_name = "DEVICE", requires = "rate", conflicts_with_all = ["source", "start_time", "follow"])]
+    alsa: Option<String>,
     /// Type of raw samples: f32 or i16, little-endian, channels interleaved
     #[arg(long, value_name = "TYPE", requires = "rate")]
     sample: Option<String>,
-    /// Sampling rate of raw samples in Hz
-    #[arg(long, value_name = "HZ", requires = "sample")]
+    /// Sampling rate of raw samples or of a sound card in Hz
+    #[arg(long, value_name = "HZ", requires = "without header")]
     rate: Option<f64>,
-    /// Number of channels of raw samples
-    #[arg(long, default_value_t = 1, requires = "sample")]
+    /// Number of channels of raw samples or of a sound card
+    #[arg(long, default_value_t = 1, requires = "without header")]
     channels: u32,
     /// Value of one count in the unit [default: 1 for f32, 1/32768 for i16]
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
@@ -64,6 +72,18 @@ pub(super) struct StreamArgs {
     /// Names of the channels, comma-separated, in order
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     channel_names: Vec<String>,
+    /// Name or number of the channel that is the signal of a tachometer on the driving shaft
+    #[arg(long, value_name = "NAME", requires = "tachometer_level")]
+    tachometer_channel: Option<String>,
+    /// Level at which a pulse of the tachometer begins, in the unit of the samples
+    #[arg(long, value_name = "VALUE", requires = "tachometer_channel", allow_negative_numbers = true)]
+    tachometer_level: Option<f64>,
+    /// By how much its signal falls below the level between two pulses [default: half the level]
+    #[arg(long, value_name = "VALUE", requires = "tachometer_channel")]
+    tachometer_hysteresis: Option<f64>,
+    /// Its pulses per revolution [default: 1]
+    #[arg(long, value_name = "N", requires = "tachometer_channel")]
+    pulses_per_revolution: Option<u32>,
     /// Time of the first sample; required for a file [default: now]
     #[arg(long, value_name = "TIME")]
     start_time: Option<Timestamp>,
@@ -103,20 +123,32 @@ impl Shared {
 /// Runs the command until the source ends or Ctrl-C.
 pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
     let asset = asset_id(&args.asset)?;
-    let is_file = args.source != "-";
+    let is_file = args.alsa.is_none() && args.source != "-";
     if is_file && args.start_time.is_none() {
         let detail = "--start-time is missing, expected the time of the first sample of the file";
         return Err(CliError::Argument(detail.to_owned()));
     }
     let stop = interrupted();
-    let mut source =
-        Source::open(&args.source, args.raw_format()?, args.follow && is_file, Arc::clone(&stop))?;
+    let mut source = match &args.alsa {
+        Some(device) => Input::Device(sound_card(device, args, Arc::clone(&stop))?),
+        None => {
+            let follows = args.follow && is_file;
+            Input::Bytes(Box::new(Source::open(
+                &args.source,
+                args.raw_format()?,
+                follows,
+                Arc::clone(&stop),
+            )?))
+        }
+    };
     let start = args.start_time.unwrap_or_else(Timestamp::now);
-    let begin = index_of(start, &source.format)?;
-    let mut sender = Sender::new(args, &asset, &source.format)?;
+    let begin = index_of(start, source.format())?;
+    let mut sender = Sender::new(args, &asset, source.format())?;
     let mut begin_index = begin;
     if let Some(next) = sender.server_next() {
-        if is_file {
+        if let Input::Bytes(source) = &mut source
+            && is_file
+        {
             let sent = next.saturating_sub(begin);
             source.skip(&args.source, sent)?;
             begin_index += sent;
@@ -136,7 +168,7 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
         stop: Arc::clone(&stop),
     };
     // Not joined: a thread that waits for its source ends with the process.
-    thread::spawn(move || reader.run(source));
+    thread::spawn(move || reader.run(source.into_source()));
     let result = send_all(&shared, &mut sender, &stop);
     let lost = shared.lock().spool.save()?;
     if lost > 0 {
@@ -155,6 +187,54 @@ impl StreamArgs {
             .and_then(|sample: RawSample| StreamFormat::new(sample, rate_hz, self.channels, self.scale));
         format.map(Some).map_err(|error| CliError::Argument(error.to_string()))
     }
+}
+
+/// What the samples are read from.
+enum Input {
+    /// A pipe or a file.
+    Bytes(Box<Source>),
+    /// A sound card.
+    Device(Box<dyn SampleSource>),
+}
+
+impl Input {
+    fn format(&self) -> &StreamFormat {
+        match self {
+            Self::Bytes(source) => source.format(),
+            Self::Device(source) => source.format(),
+        }
+    }
+
+    fn into_source(self) -> Box<dyn SampleSource> {
+        match self {
+            Self::Bytes(source) => source,
+            Self::Device(source) => source,
+        }
+    }
+}
+
+#[cfg(all(feature = "alsa", target_os = "linux"))]
+fn sound_card(
+    device: &str,
+    args: &StreamArgs,
+    stop: Arc<AtomicBool>,
+) -> Result<Box<dyn SampleSource>, CliError> {
+    let sample = args.sample.as_deref().map(str::parse::<RawSample>).transpose();
+    let wanted = sound_card::WantedFormat {
+        sample: sample.map_err(|error| CliError::Argument(error.to_string()))?,
+        rate_hz: args.rate.unwrap_or_default(),
+        channels: args.channels,
+        scale: args.scale,
+    };
+    Ok(Box::new(sound_card::SoundCard::open(device, &wanted, stop)?))
+}
+
+#[cfg(not(all(feature = "alsa", target_os = "linux")))]
+fn sound_card(device: &str, _: &StreamArgs, _: Arc<AtomicBool>) -> Result<Box<dyn SampleSource>, CliError> {
+    Err(CliError::Argument(format!(
+        "--alsa is {device}, but this program was built without the feature alsa, which Linux alone has: \
+         pipe the samples of arecord instead"
+    )))
 }
 
 /// Returns the index of the sample measured at a time.
@@ -221,24 +301,29 @@ struct Reader {
 }
 
 impl Reader {
-    fn run(mut self, mut source: Source) {
-        let result = self.read_all(&mut source);
+    fn run(mut self, mut source: Box<dyn SampleSource>) {
+        let result = self.read_all(&mut *source);
         self.shared.lock().end = Some(result);
         self.shared.changed.notify_all();
     }
 
-    fn read_all(&mut self, source: &mut Source) -> Result<(), CliError> {
-        let format = source.format.clone();
+    fn read_all(&mut self, source: &mut dyn SampleSource) -> Result<(), CliError> {
+        let format = source.format().clone();
+        let mut is_first = true;
         while !self.stop.load(Ordering::Relaxed)
-            && let Some(bytes) = source.next()?
+            && let Some(SourceBlock { lost, time, bytes }) = source.next()?
         {
+            // Before the first one, the device is only being started.
+            if lost > 0 && !is_first {
+                eprintln!("lost {lost} samples of each channel: the device was read too late");
+            }
+            is_first = false;
+            self.next += lost;
             let frames = (bytes.len() / format.frame_bytes()) as u64;
-            let (from, time) = match self.start {
-                Some((begin, time)) => (self.next - begin, time),
-                // The last sample was measured just now.
-                None => (0, Timestamp::now() - seconds(&format, frames)),
+            let time = match self.start {
+                Some((begin, start)) => start + seconds(&format, self.next - begin),
+                None => time,
             };
-            let time = time + seconds(&format, from);
             let time_ns = i64::try_from(time.as_nanosecond()).unwrap_or_default();
             let block = Block { first: self.next, time_ns, bytes };
             self.next += frames;

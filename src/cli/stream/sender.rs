@@ -64,6 +64,10 @@ impl Sender {
         add("scale", args.scale.map(|scale| scale.to_string()));
         add("unit", args.unit.clone());
         add("channel_names", Some(args.channel_names.join(",")).filter(|names| !names.is_empty()));
+        add("tachometer_channel", args.tachometer_channel.clone());
+        add("tachometer_level", args.tachometer_level.map(|level| level.to_string()));
+        add("tachometer_hysteresis", args.tachometer_hysteresis.map(|hysteresis| hysteresis.to_string()));
+        add("pulses_per_revolution", args.pulses_per_revolution.map(|number| number.to_string()));
         Ok(Self {
             server: args.server.clone(),
             agent: args.server.agent(TIMEOUT)?,

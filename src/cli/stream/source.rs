@@ -1,4 +1,4 @@
-//! The source of the samples: a pipe or a growing file, with raw samples or WAV.
+//! A source of samples: a pipe or a growing file, with raw samples or WAV.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -7,21 +7,41 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use jiff::{SignedDuration, Timestamp};
+
 use super::super::CliError;
 use crate::recording::stream::StreamFormat;
 use crate::recording::{RawSample, WavFormat};
 
 /// Seconds of samples in one block.
-const BLOCK_S: f64 = 0.25;
+pub(super) const BLOCK_S: f64 = 0.25;
 
 /// Interval at which a growing file is polled.
 const GROWTH_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Samples, read block by block.
+pub(super) trait SampleSource: Send {
+    fn format(&self) -> &StreamFormat;
+
+    /// Returns the next block of frames, `None` at the end.
+    fn next(&mut self) -> Result<Option<SourceBlock>, CliError>;
+}
+
+/// Consecutive samples of a source.
+#[derive(Debug)]
+pub(super) struct SourceBlock {
+    /// Frames lost before it.
+    pub(super) lost: u64,
+    /// The time of its first frame, by the clock.
+    pub(super) time: Timestamp,
+    pub(super) bytes: Vec<u8>,
+}
+
+/// The bytes of a pipe or a file.
 pub(super) struct Source {
     reader: Box<dyn Read + Send>,
     name: String,
-    pub(super) format: StreamFormat,
+    format: StreamFormat,
     /// Format of a WAV whose samples are converted before they are sent.
     converted: Option<WavFormat>,
     /// Bytes not read yet, where their number is known.
@@ -82,8 +102,19 @@ impl Source {
         skipped.map_err(failed)
     }
 
-    /// Returns the next block of frames, `None` at the end. An incomplete frame at the end is dropped.
-    pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, CliError> {
+    /// Size of a frame in the source.
+    fn read_frame_bytes(&self) -> usize {
+        self.converted.as_ref().map_or(self.format.frame_bytes(), WavFormat::frame_bytes)
+    }
+}
+
+impl SampleSource for Source {
+    fn format(&self) -> &StreamFormat {
+        &self.format
+    }
+
+    /// An incomplete frame at the end is dropped.
+    fn next(&mut self) -> Result<Option<SourceBlock>, CliError> {
         let width = self.read_frame_bytes();
         let wanted = (self.format.frames_in(BLOCK_S).max(1) as usize).saturating_mul(width);
         let wanted = self.remaining.map_or(wanted, |remaining| wanted.min(remaining as usize));
@@ -103,16 +134,15 @@ impl Source {
         if bytes.is_empty() {
             return Ok(None);
         }
-        Ok(Some(match &self.converted {
+        // The last sample was measured just now.
+        let length_s = self.format.seconds((bytes.len() / width) as u64);
+        let time = Timestamp::now() - SignedDuration::from_secs_f64(length_s);
+        let bytes = match &self.converted {
             Some(wav) => {
                 bytes.chunks_exact(wav.container).flat_map(|sample| wav.value(sample).to_le_bytes()).collect()
             }
             None => bytes,
-        }))
-    }
-
-    /// Size of a frame in the source.
-    fn read_frame_bytes(&self) -> usize {
-        self.converted.as_ref().map_or(self.format.frame_bytes(), WavFormat::frame_bytes)
+        };
+        Ok(Some(SourceBlock { lost: 0, time, bytes }))
     }
 }

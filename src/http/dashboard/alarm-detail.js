@@ -218,7 +218,7 @@ function entry(change, alarm) {
       "span",
       {},
       by ? h("strong", {}, `${by}: `) : null,
-      changeWords(change, alarm),
+      withdrawn ? h("s", {}, changeWords(change, alarm)) : changeWords(change, alarm),
       withdrawn ? ` (withdrawn ${clock(withdrawn)}: no longer supported by the readings)` : "",
     ),
     comment ? h("q", {}, comment) : null,

@@ -3,7 +3,7 @@
 
 import { reading } from "./alarm-words.js";
 import * as api from "./api.js";
-import { h, setChildren, setText } from "./dom.js";
+import { h, setOptions, setText } from "./dom.js";
 import { clock, count, indicatorName, number, unit } from "./format.js";
 
 const LEVELS = [
@@ -59,6 +59,7 @@ export class AlarmRulePanel {
           type: "number",
           step: "any",
           "aria-label": label,
+          oninput: () => (this.#isChanged = true), // from here on, news does not overwrite the levels
           onchange: () => this.#typed(),
         }),
       ]),
@@ -108,9 +109,9 @@ export class AlarmRulePanel {
     const isOther = name !== this.#name || channel !== this.#channel || asset.id !== this.#asset?.id;
     const isNews = asset !== this.#asset;
     [this.#asset, this.#channel, this.#name, this.#unit] = [asset, channel, name, unit(units[name])];
-    setChildren(
+    setOptions(
       this.#quantity,
-      names.map((each) => h("option", { value: each }, indicatorName(each))),
+      names.map((each) => [each, indicatorName(each)]),
     );
     this.#quantity.value = name;
     this.#suggestion.hidden = name === "wear_um"; // wear depth is measured from the baseline, so it has no baseline statistics

@@ -25,7 +25,7 @@ export function quantityWords(quantity) {
     {
       wear_um: "Wear depth",
       wear_above_limit: "Probability that the limit is exceeded",
-      novelty: "Novelty (−log₁₀ of the p-value)",
+      novelty: "Novelty (−log₁₀ p)",
       joint_novelty: "Joint novelty of all channels (−log₁₀ p)",
       sensor_fault: "Sensor fault",
       stale_s: "Time without a record",
@@ -41,6 +41,8 @@ export function reading(value, alarm) {
   if (quantity === "stale_s") return span(value);
   if (quantity?.rate_per_day === "wear_um") return `${number(value, 3)} µm/day`;
   if (quantity?.rate_per_day) return `${number(value, 3)} per day`;
+  if (quantity?.indicator === "velocity_rms") return `${number(value, 3)} mm/s`;
+  if (quantity?.indicator?.endsWith("_to_background")) return `${number(value, 3)} ×`;
   return `${number(value, 3)} ${quantity?.indicator ? unit(unitOf(alarm)) : ""}`.trim();
 }
 

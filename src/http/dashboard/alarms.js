@@ -3,7 +3,7 @@
 import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
 import { NotificationList } from "./alarm-notifications.js";
-import { fetchUnits } from "./alarm-units.js";
+import { fetchUnits, unitOf } from "./alarm-units.js";
 import {
   ALARM_STATES,
   levelWords,
@@ -15,6 +15,7 @@ import {
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { age, clock } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 import { change, format, parse } from "./route.js";
 
 const LIMIT = 200;
@@ -61,7 +62,12 @@ export class AlarmsPage {
   #detail = new AlarmDetail(() => this.refresh());
   #notifications = new NotificationList();
   #bulk = new BulkAcknowledge(() => this.refresh());
-  #ages = [];
+  #rows = new KeyedRows(
+    this.#body,
+    ({ id }) => id,
+    (alarm) => this.#row(alarm),
+  );
+  #ages = new Map();
 
   constructor(root, route) {
     this.#query = route.query;
@@ -140,17 +146,10 @@ export class AlarmsPage {
         : `${answer.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`,
     );
     this.#bulk.offer(items.filter(({ state }) => ALARM_STATES[state]?.open).map(({ id }) => id));
-    const picking = document.activeElement?.classList.contains("alarm-pick");
-    const focused = this.#body.contains(document.activeElement)
-      ? document.activeElement.closest("tr").dataset.alarm
-      : null;
-    this.#ages = [];
-    const rows = items.map((alarm) => this.#row(alarm));
-    setChildren(this.#body, rows);
-    rows
-      .find((row) => row.dataset.alarm === focused)
-      ?.querySelector(picking ? ".alarm-pick" : ".alarm-open")
-      ?.focus();
+    const shown = new Set(items.map(({ id }) => id));
+    for (const id of this.#ages.keys()) if (!shown.has(id)) this.#ages.delete(id);
+    const { query } = parse(location.hash);
+    this.#rows.show(items, (alarm) => JSON.stringify([alarm, unitOf(alarm), query]));
   }
 
   #row(alarm) {
@@ -166,7 +165,7 @@ export class AlarmsPage {
       changed_at: changed,
     } = alarm;
     const since = h("span", { title: clock(raised ?? changed) });
-    this.#ages.push([since, raised ?? changed]);
+    this.#ages.set(id, [since, raised ?? changed]);
     const { query } = parse(location.hash);
     const open = h(
       "a",
@@ -208,7 +207,7 @@ export class AlarmsPage {
 
   /** Updates the displayed ages. */
   tick() {
-    for (const [element, time] of this.#ages) setText(element, age(time));
+    for (const [element, time] of this.#ages.values()) setText(element, age(time));
     this.#notifications.tick();
   }
 

@@ -4,6 +4,7 @@
 const REMEMBERED = 48;
 const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
 const memory = new Map(); // address → { etag, text, data }, most recently used last
+let logins = 0;
 
 /** An error answered by the server; `problem` is its RFC 9457 body, if any. */
 export class ApiError extends Error {
@@ -28,6 +29,7 @@ export async function logIn(token) {
   });
   if (!response.ok) throw failure(response.status, text);
   memory.clear();
+  logins += 1;
 }
 
 /** Ends the session. */
@@ -75,9 +77,11 @@ export function failure(status, text) {
 }
 
 async function request(href, options) {
+  const before = logins;
   try {
     const response = await fetch(href, options);
-    if (response.status === 401) document.dispatchEvent(new CustomEvent("tokenneeded"));
+    // A request sent before the login may be answered after it.
+    if (response.status === 401 && before === logins) document.dispatchEvent(new CustomEvent("tokenneeded"));
     return { response, text: await response.text() };
   } catch (error) {
     if (error.name === "AbortError") throw error;

@@ -1,7 +1,7 @@
 // The common head of all asset pages: breadcrumb, name, and links to the asset's other pages.
 
 import * as api from "./api.js";
-import { h, setChildren } from "./dom.js";
+import { h, setChildren, setText } from "./dom.js";
 import { format } from "./route.js";
 
 /** @type {[string, string][]} */
@@ -41,29 +41,50 @@ function hasStreams(id) {
   return answer;
 }
 
-/** Links between the pages of an asset; the live page is linked only when there are live streams. */
-export function assetTabs(id, current, query = {}) {
-  const kept = Object.fromEntries(KEPT.filter((name) => query[name]).map((name) => [name, query[name]]));
-  const link = ([page, label]) =>
-    h(
+/**
+ * Links between the pages of an asset; the live page is linked only when there are live streams. The links stay
+ * the same elements, so that an update does not take the focus from them.
+ */
+export class AssetTabs {
+  #id;
+  #current;
+  #links;
+  element;
+
+  constructor(id, current) {
+    [this.#id, this.#current] = [id, current];
+    this.#links = VIEWS.map(([page, label]) => ({
+      page,
+      link: h("a", { "aria-current": page === current ? "page" : null }, label),
+    }));
+    const report = h(
       "a",
-      { href: format({ page, id, query: kept }), "aria-current": page === current ? "page" : null },
-      label,
+      {
+        href: new URL(`v1/assets/${encodeURIComponent(id)}/report`, document.baseURI).href,
+        target: "_blank",
+        rel: "noopener",
+      },
+      "Report",
     );
-  const report = h(
-    "a",
-    {
-      href: new URL(`v1/assets/${encodeURIComponent(id)}/report`, document.baseURI).href,
-      target: "_blank",
-      rel: "noopener",
-    },
-    "Report",
-  );
-  const links = VIEWS.map(link);
-  const live = links[VIEWS.findIndex(([page]) => page === "live")];
-  live.hidden = current !== "live" && !streaming.has(id);
-  if (live.hidden) hasStreams(id).then((has) => (live.hidden = !has));
-  return h("nav", { class: "tabs", "aria-label": "Pages of this asset" }, links, report);
+    this.element = h(
+      "nav",
+      { class: "tabs", "aria-label": "Pages of this asset" },
+      this.#links.map(({ link }) => link),
+      report,
+    );
+  }
+
+  /** The links keep the selection in the address; a machine without gears has no wear to preview. */
+  update(query, asset) {
+    const kept = Object.fromEntries(KEPT.filter((name) => query[name]).map((name) => [name, query[name]]));
+    for (const { page, link } of this.#links)
+      link.setAttribute("href", format({ page, id: this.#id, query: kept }));
+    const { link: wear } = this.#links.find(({ page }) => page === "wear");
+    wear.hidden = Boolean(asset) && !asset.gear && this.#current !== "wear";
+    const { link: live } = this.#links.find(({ page }) => page === "live");
+    live.hidden = this.#current !== "live" && !streaming.has(this.#id);
+    if (live.hidden) hasStreams(this.#id).then((has) => (live.hidden = !has));
+  }
 }
 
 /** The breadcrumb. */
@@ -80,31 +101,30 @@ export function crumbs(...links) {
 
 /** The head of an asset page; call `update` when the asset or the address changes. */
 export class AssetFrame {
-  #id;
   #page;
   #title = h("h1");
-  #tabs = h("div");
+  #tabs;
   element;
 
   constructor(id, page) {
-    this.#id = id;
     this.#page = page;
+    this.#tabs = new AssetTabs(id, page);
     this.#title.textContent = id;
     this.element = h(
       "header",
       { class: "asset-header" },
       crumbs(["#/", "Fleet"], [format({ page: "asset", id }), id]),
       this.#title,
-      this.#tabs,
+      this.#tabs.element,
     );
   }
 
-  /** Shows the asset's name and the links, which keep the selection. */
-  update(name, query) {
+  /** Shows the asset's name and the links, which keep the selection; `asset` is known later than its id. */
+  update(name, query, asset) {
     const label = VIEWS.find(([page]) => page === this.#page)[1];
-    this.#title.textContent = name;
+    setText(this.#title, name);
     document.title = `${label} · ${name} · flankwatch`;
-    setChildren(this.#tabs, assetTabs(this.#id, this.#page, query));
+    this.#tabs.update(query, asset);
   }
 }
 

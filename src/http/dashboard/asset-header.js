@@ -1,9 +1,9 @@
 // The head of an asset's overview: state, current wear with its interval, and the facts behind them.
 
-import { h, setChildren, setText } from "./dom.js";
+import { h, setChildren, setOptions, setText } from "./dom.js";
 import { age, clock, count, depth, hertz, number, speedDoubt, speedSource } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
-import { assetTabs, crumbs } from "./asset-frame.js";
+import { AssetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
 import { statusWords } from "./record-statuses.js";
 import { change, format } from "./route.js";
@@ -11,7 +11,7 @@ import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeT
 import { badge } from "./symbols.js";
 
 const LIBRARY_STATES = {
-  none: "none: no gear pair defined",
+  none: "none",
   building: "building",
   failed: "failed",
   ready: "ready",
@@ -55,6 +55,9 @@ function simulationWords({ stage, fraction, remaining_s: left }, estimated) {
   return `${STAGES[stage] ?? stage}: ${Math.floor(100 * fraction)} % simulated${time}`;
 }
 
+const BEST_STATE =
+  "The simulated wear state nearest to this record alone. The wear depth is the median over all records since the baseline and all simulated pairs, so the two may differ.";
+
 function libraryFact(summary, wear) {
   const { library_id: id, library_state: state, library_error: error, simulation } = summary;
   const best = wear?.best_state;
@@ -63,10 +66,13 @@ function libraryFact(summary, wear) {
     ? simulationWords(simulation, summary.library_estimated_s)
     : error
       ? `failed: ${error}`
-      : null;
+      : state === "none"
+        ? "no gear pair defined"
+        : null;
   return fact(
     best ? "Best library state" : "Library",
     words,
+    best ? small("fits this record best; the wear depth also weighs earlier records", BEST_STATE) : null,
     detail ? small(detail) : null,
     id ? small(`library ${id.slice(0, 8)}`, id) : null,
   );
@@ -80,7 +86,7 @@ function limitFact(wear) {
     `Time to ${depth(left.limit)} µm`,
     words,
     small(
-      `5 to 95 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; wear rate ${number(left.rate, 2)} µm/day`,
+      `90 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; wear rate ${number(left.rate, 2)} µm/day`,
     ),
   );
 }
@@ -163,7 +169,7 @@ export class AssetHeader {
     h("span", {}, "Channel"),
     this.#channel,
   );
-  #tabs = h("div");
+  #tabs;
   #verdict = h(
     "div",
     { class: "card verdict" },
@@ -172,7 +178,8 @@ export class AssetHeader {
   );
   element;
 
-  constructor(onAddRecords) {
+  constructor(id, onAddRecords) {
+    this.#tabs = new AssetTabs(id, "asset");
     const add = h("button", { type: "button", onclick: onAddRecords }, "Add records…");
     this.element = h(
       "header",
@@ -184,7 +191,7 @@ export class AssetHeader {
         h("div", {}, this.#name, this.#id),
         h("div", { class: "asset-actions" }, this.#channelField, add),
       ),
-      this.#tabs,
+      this.#tabs.element,
       this.#verdict,
     );
   }
@@ -194,7 +201,7 @@ export class AssetHeader {
    */
   update(asset, wear, channel, query, events) {
     const { summary, limits } = asset;
-    setChildren(this.#tabs, assetTabs(asset.id, "asset", query));
+    this.#tabs.update(query, asset);
     const name = assetName(asset);
     setText(this.#name, name);
     setText(this.#id, asset.name ? asset.id : "");
@@ -213,7 +220,7 @@ export class AssetHeader {
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
     const words = wear?.segment_id
-      ? sentence(wear, limits, Boolean(asset.gear?.pair)) + question(wear)
+      ? sentence(wear, limits, Boolean(asset.gear?.pair), Boolean(asset.gear)) + question(wear)
       : sentence(null);
     setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
     setChildren(this.#facts, facts(asset, wear, this.#age));
@@ -234,20 +241,17 @@ export class AssetHeader {
       h(
         "span",
         { class: "muted" },
-        `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${clock(last.start_time)}`,
+        `90 %: ${depth(last.low_um)} to ${depth(last.high_um)} µm, ${clock(last.start_time)}`,
       ),
     );
   }
 
   #updateChannels(channels, chosen) {
     this.#channelField.hidden = channels.length < 2;
-    if (this.#channel.dataset.channels !== JSON.stringify(channels)) {
-      this.#channel.dataset.channels = JSON.stringify(channels);
-      setChildren(
-        this.#channel,
-        channels.map((name) => h("option", { value: name }, name)),
-      );
-    }
+    setOptions(
+      this.#channel,
+      channels.map((name) => [name, name]),
+    );
     this.#channel.value = chosen ?? "";
   }
 

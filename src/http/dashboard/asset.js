@@ -6,7 +6,7 @@ import { AlarmRulePanel, watches } from "./alarm-rule-panel.js";
 import { answer } from "./api.js";
 import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
-import { h, setChildren } from "./dom.js";
+import { h, setChildren, setOptions } from "./dom.js";
 import { EventsCard } from "./events-card.js";
 import { withFineItems } from "./fine-history.js";
 import { hindsightOf } from "./hindsight.js";
@@ -17,6 +17,7 @@ import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
 import { namedBins, operatingBins } from "./operating-bins.js";
 import { linkTimeAxes, onPointClick, onRangeChange } from "./plots.js";
+import { angleAbsence } from "./record-angle.js";
 import { fetchPanes } from "./record-panes.js";
 import { RecordView } from "./record-view.js";
 import { RecordsDialog } from "./records-dialog.js";
@@ -43,6 +44,7 @@ export class AssetPage {
   #trends = new PlotCard("trends", "Indicator trends");
   #record = new RecordView((parameters) => this.#keepRange(parameters));
   #dragging = false;
+  #hasMesh = true;
   #maintenance;
   #events;
   #panes = new Map();
@@ -94,10 +96,10 @@ export class AssetPage {
     this.#dialog = new RecordsDialog(route.id);
     this.#maintenance = new MaintenanceDialog(route.id);
     this.#events = new EventsCard(
-      () => this.#maintenance.open(this.#data?.segment?.start_time),
+      () => this.#maintenance.open(this.#data?.segment?.start_time, this.#hasMesh),
       (event) => this.#maintenance.takeBack(event),
     );
-    this.#header = new AssetHeader(() => this.#dialog.open());
+    this.#header = new AssetHeader(route.id, () => this.#dialog.open());
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Indicators" });
     for (const { key, label } of PANES) {
       const chip = h(
@@ -139,14 +141,18 @@ export class AssetPage {
   }
 
   #togglePane(key) {
-    const keys = chosenPanes(this.#query.trend).map((pane) => pane.key);
+    const keys = this.#chosen().map((pane) => pane.key);
     const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
     if (next.length) change({ trend: next.join(",") }, { quiet: true });
   }
 
+  #chosen() {
+    return chosenPanes(this.#query.trend, this.#hasMesh);
+  }
+
   /** The displayed indicators for which alarm levels can be set. */
   #levelNames() {
-    return chosenPanes(this.#query.trend)
+    return this.#chosen()
       .filter((pane) => pane.names.length === 1)
       .map((pane) => pane.names[0]);
   }
@@ -192,6 +198,8 @@ export class AssetPage {
     const key = JSON.stringify(this.#query);
     if (asset === this.#data?.asset && key === this.#key) return;
     const { summary } = asset;
+    this.#hasMesh = Boolean(asset.gear);
+    for (const { key, ofMesh } of PANES) this.#panes.get(key).hidden = Boolean(ofMesh) && !this.#hasMesh;
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
@@ -212,7 +220,7 @@ export class AssetPage {
       this.#data?.channel === channel ? this.#data?.events : undefined,
     );
     if (!latest.segment_id) {
-      this.#showEmpty();
+      this.#showEmpty(asset.baseline.records);
     } else {
       this.#empty.hidden = true;
       this.#grid.hidden = false; // the cards show that they are loading
@@ -226,7 +234,7 @@ export class AssetPage {
 
   async #fetch(asset, latest, channel, signal) {
     const id = this.#query.segment ?? latest.segment_id;
-    const panes = chosenPanes(this.#query.trend);
+    const panes = this.#chosen();
     // a record that was refused is not requested again on every update
     const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
     const record = known
@@ -256,11 +264,14 @@ export class AssetPage {
       };
     });
     const { pin } = this.#query;
+    const pinnedRecord = pin ? answer(api.segment(pin, signal)) : null;
+    const panesOf = (of, known) =>
+      fetchPanes(of, this.#query, signal, { noAngle: async () => angleAbsence(await known, asset) });
     const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
       record,
-      known?.panes ?? fetchPanes(id, this.#query, signal),
-      pin ? answer(api.segment(pin, signal)) : null,
-      pin ? fetchPanes(pin, this.#query, signal) : null,
+      known?.panes ?? panesOf(id, record),
+      pinnedRecord,
+      pinnedRecord && panesOf(pin, pinnedRecord),
       this.#inDetail((range) => api.wearHistory(this.#id, channel, signal, range)),
       trends,
       this.#fetchEvents(channel, signal),
@@ -324,7 +335,14 @@ export class AssetPage {
         ? history.message
         : history.items.length === 0
           ? "This channel has no records yet."
-          : withoutEstimate(history.items, Boolean(asset.gear?.pair));
+          : withoutEstimate(history.items);
+    // without a pair there is no wear, as the header says
+    const isBare =
+      !asset.gear?.pair &&
+      !(history instanceof Error) &&
+      history.items.every((item) => item.median_um == null);
+    this.#wear.element.hidden = isBare;
+    if (isBare) return;
     this.#wearLevelsButton.hidden = Boolean(missing);
     const rules = this.#wearLevels.show({
       asset,
@@ -408,18 +426,12 @@ export class AssetPage {
       ["", "More…"],
       ...others.map((name) => [name, `${chosen.includes(name) ? "✓ " : ""}${indicatorName(name)}`]),
     ];
-    if (this.#more.dataset.options !== JSON.stringify(options)) {
-      this.#more.dataset.options = JSON.stringify(options);
-      setChildren(
-        this.#more,
-        options.map(([value, text]) => h("option", { value }, text)),
-      );
-    }
+    setOptions(this.#more, options);
     this.#more.value = "";
     this.#more.hidden = others.length === 0;
   }
 
-  #showEmpty() {
+  #showEmpty(need) {
     this.#grid.hidden = true;
     this.#empty.hidden = false;
     const example = `curl -X POST '${api.address(["assets", this.#id, "segments"])}' \\\n  -H 'content-type: audio/wav' --data-binary @record.wav`;
@@ -429,7 +441,7 @@ export class AssetPage {
       h(
         "p",
         {},
-        "Add vibration records taken while the gears are healthy. They form the baseline for all later records.",
+        `Add vibration records taken while the machine is healthy, in the order they were taken. The first ${need} form the baseline for all later records.`,
       ),
       h(
         "p",

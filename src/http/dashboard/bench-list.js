@@ -5,6 +5,7 @@ import { formatRecords, MAX_RECORDS, recordsOf } from "./bench-records.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, number, unit } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 import { legend } from "./plots.js";
 import { recordWords } from "./record-facts.js";
 import { change, format, parse } from "./route.js";
@@ -17,6 +18,11 @@ const option = (value, text) => h("option", { value }, text);
 export class BenchList {
   #onListen;
   #list = h("ul", { class: "bench-records" });
+  #rows = new KeyedRows(
+    this.#list,
+    ({ id }) => id,
+    (record) => this.#row(record),
+  );
   #none = h(
     "p",
     { class: "notice" },
@@ -135,18 +141,20 @@ export class BenchList {
   show(records, heard) {
     this.#none.hidden = records.length > 0;
     this.#clear.hidden = records.length < 2;
-    const focused = document.activeElement?.getAttribute("aria-label");
-    setChildren(
-      this.#list,
-      records.map((record, place) => this.#row(record, place, heard)),
+    this.#rows.show(
+      records.map(({ id, segment, colour, name }, place) => ({
+        id,
+        colour,
+        name,
+        segment: segment instanceof Error ? null : segment,
+        fault: segment instanceof Error ? segment.message : null,
+        isFirst: place === 0,
+        isHeard: id === heard,
+      })),
     );
-    if (focused)
-      [...this.#list.querySelectorAll("button")]
-        .find((button) => button.getAttribute("aria-label") === focused)
-        ?.focus();
   }
 
-  #row({ id, segment, colour, name }, place, heard) {
+  #row({ id, segment, fault, colour, name, isFirst, isHeard }) {
     const button = (text, what, onclick, pressed) =>
       h(
         "button",
@@ -159,8 +167,6 @@ export class BenchList {
         },
         text,
       );
-    const missing = !segment || segment instanceof Error;
-    const isHeard = id === heard;
     const swatch = legend([["line", colour, ""]])[0].firstChild;
     return h(
       "li",
@@ -169,7 +175,7 @@ export class BenchList {
       h(
         "div",
         { class: "bench-record" },
-        missing
+        !segment
           ? h("strong", {}, name)
           : h(
               "a",
@@ -185,14 +191,14 @@ export class BenchList {
         h(
           "span",
           { class: "muted" },
-          missing ? (segment ? `${segment.message}.` : "Loading…") : recordWords(segment),
-          place === 0 ? ". Reference for the others." : "",
+          segment ? recordWords(segment) : fault ? `${fault}.` : "Loading…",
+          isFirst ? ". Reference for the others." : "",
         ),
       ),
       h(
         "div",
         { class: "bench-buttons" },
-        missing
+        !segment
           ? null
           : button(
               isHeard ? "Stop" : "Listen",
@@ -200,7 +206,7 @@ export class BenchList {
               () => this.#onListen(id),
               String(isHeard),
             ),
-        place ? button("Make first", "Make first", () => this.#makeFirst(id)) : null,
+        isFirst ? null : button("Make first", "Make first", () => this.#makeFirst(id)),
         button("Remove", "Remove", () => this.#take(id)),
       ),
     );

@@ -2,6 +2,7 @@
 
 import { referenceWords } from "./amplitude-scale.js";
 import { BENCH_PANES, benchPanes } from "./bench-tools.js";
+import { inLanes } from "./comparison.js";
 import { cursorOf } from "./cursor-lines.js";
 import { withCursor } from "./cursor-picture.js";
 import { thinned } from "./fine-lines.js";
@@ -98,13 +99,12 @@ export class BenchPlots {
           ? coloured.map((layer) => ({ ...layer, data: thinned(layer.data, part ?? [0, end], DRAWN) }))
           : coloured;
       const drawing = draw(drawn, context);
-      return typeof drawing === "string"
-        ? drawing
-        : {
-            ...drawing,
-            sub: `${drawing.sub}${motion}${missing.join("")}`,
-            traces: key === "waveform" ? bySize(drawing) : firstOnTop(drawing),
-          };
+      if (typeof drawing === "string") return drawing;
+      const sub = `${drawing.sub}${motion}${missing.join("")}`;
+      // a waveform with many samples is an area that hides those behind it
+      return key === "waveform" && drawn.length > 1
+        ? { ...inLanes(drawing, drawn), sub }
+        : { ...drawing, sub, traces: firstOnTop(drawing) };
     };
     // the page overlays the cursor's lines on the plot; a picture contains them
     const drawing = await card.show(
@@ -132,11 +132,6 @@ export class BenchPlots {
 
 /** Draws the first record on top of the others, and its marks on top of all. */
 const firstOnTop = ({ traces, others }) => [...others, ...traces];
-
-const peak = ({ y }) => y.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
-
-/** Draws the largest waveform first: a waveform with many samples hides everything behind it. */
-const bySize = ({ traces, others }) => [...others, ...traces].sort((a, b) => peak(b) - peak(a));
 
 const hasLines = (data) => !("frequency_hz" in data) || data.frequency_hz.length > 0;
 

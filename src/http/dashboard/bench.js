@@ -12,6 +12,7 @@ import { h, setChildren } from "./dom.js";
 import { Listening, SPEEDS } from "./listening.js";
 import { recordSubject } from "./plot-subjects.js";
 import { palette } from "./plots.js";
+import { angleAbsence } from "./record-angle.js";
 import { fetchPanes } from "./record-panes.js";
 import { change, format } from "./route.js";
 import { motionOf } from "./spectrum-quantity.js";
@@ -128,9 +129,14 @@ export class BenchPage {
   async #fetch(id, query, signal, options) {
     const segment = await api.answer(api.segment(id, signal));
     if (segment instanceof Error) return { segment, asset: null, panes: {} };
+    const owner = api.answer(api.asset(segment.asset_id, signal));
     const [asset, panes] = await Promise.all([
-      api.answer(api.asset(segment.asset_id, signal)),
-      fetchPanes(id, query, signal, { ...options, motion: motionOf(query, segment.unit) }),
+      owner,
+      fetchPanes(id, query, signal, {
+        ...options,
+        motion: motionOf(query, segment.unit),
+        noAngle: async () => angleAbsence(segment, await owner),
+      }),
     ]);
     return { segment, asset, panes };
   }

@@ -74,6 +74,12 @@ export function cursorLines({ kind, base, spacing, orders }, end) {
 }
 
 /**
+ * The distance of the cursor's lines; undefined for those of a bearing.
+ * @param {Cursor} cursor
+ */
+export const spacingOf = ({ kind, base, spacing }) => (kind === "b" ? undefined : (spacing ?? base));
+
+/**
  * The range `[from, to]` that a cursor reads, plus one line and rounded to large steps, so that a small move
  * needs no new data.
  * @param {Cursor} cursor

@@ -2,9 +2,9 @@
 // over the plot, so that dragging does not redraw the plot.
 
 import { BEARING_LINES } from "./bearing-geometry.js";
-import { cursorLines } from "./cursor-lines.js";
+import { cursorLines, spacingOf } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
-import { amplitudeAt, peakNear } from "./fine-lines.js";
+import { amplitudeAt, isInNoise, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
 import { axisOf } from "./spectrum-plot.js";
 
@@ -152,7 +152,8 @@ export class CursorLayer {
     const { kind, base, spacing } = this.#cursor;
     const spectrum = this.#spectrum;
     const { format } = axisOf(spectrum);
-    const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
+    const amplitudes = shown.map(({ x, label }) => ({ x, label, amplitude: amplitudeAt(spectrum, x) }));
+    const noisy = (line) => isInNoise(spectrum, line, spacingOf(this.#cursor));
     // dragged beyond the fetched lines: the rest is fetched on release
     const value = (amplitude) =>
       amplitudes.some((line) => line.amplitude === undefined)
@@ -161,10 +162,10 @@ export class CursorLayer {
     if (kind === "b") {
       if (shown.length === 0) return `Bearing ${this.#cursor.name}: lines beyond the spectrum`;
       const first = amplitudes.filter(({ label }) => !label.includes("×"));
-      const words = first.map(({ label, amplitude }, n) => {
-        const x = shown.find((line) => line.label === first[n].label).x;
-        return `${label} ${format(x)} at ${value(amplitude)}`;
-      });
+      const words = first.map(
+        (line) =>
+          `${line.label} ${format(line.x)} ${noisy(line) ? "in the noise" : `at ${value(line.amplitude)}`}`,
+      );
       const speed = axisOf(spectrum).name === "order" ? "" : `, shaft ${format(base)}`;
       return `Bearing ${this.#cursor.name}${speed}: ${words.join("; ")}`;
     }
@@ -175,10 +176,13 @@ export class CursorLayer {
       return `Harmonics: spacing ${format(base)}${shaft}; ${shown.length} lines to ${format(shown.at(-1).x)}; strongest ${strongest.label} at ${value(strongest.amplitude)}`;
     }
     const centre = amplitudes.find(({ label }) => label === "0");
-    const sides = amplitudes.filter(({ label }) => label !== "0");
-    const rss = Math.sqrt(sides.reduce((sum, { amplitude }) => sum + amplitude ** 2, 0));
+    const all = amplitudes.filter(({ label }) => label !== "0");
+    const sides = all.filter((line) => !noisy(line));
+    const among = all.every((line) => noisy(line) === undefined) ? "" : ` of ${all.length}`;
+    const rss = Math.hypot(...sides.map(({ amplitude }) => amplitude));
+    const sum = sides.length ? `, root sum square ${value(rss)}` : "";
     const shaft = spectrum.shaft_speed_hz ? ` = ${number(spacing / spectrum.shaft_speed_hz, 4)} × shaft` : "";
-    return `Sidebands: centre ${format(base)} at ${value(centre?.amplitude ?? 0)}; spacing ${format(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
+    return `Sidebands: centre ${format(base)} at ${value(centre?.amplitude ?? 0)}${centre && noisy(centre) ? " (in the noise)" : ""}; spacing ${format(spacing)}${shaft}; ${sides.length}${among} lines${among && " above the noise"}${sum}`;
   }
 
   #move(what, x) {

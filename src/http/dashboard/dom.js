@@ -28,10 +28,12 @@ export function svg(tag, properties, ...children) {
 export const focusedData = (name) =>
   document.activeElement instanceof HTMLElement ? document.activeElement.dataset[name] : undefined;
 
-/** The same of the closest ancestor of the focused element that matches `selector`. */
-export function focusedIn(selector, name) {
-  const around = document.activeElement?.closest(selector);
-  return around instanceof HTMLElement ? around.dataset[name] : undefined;
+/** Sets the options of a select, `[value, text]` each, if they have changed: new ones would close its list. */
+export function setOptions(select, options) {
+  const wanted = JSON.stringify(options);
+  if (select.dataset.options === wanted) return;
+  select.dataset.options = wanted;
+  select.replaceChildren(...options.map(([value, text]) => h("option", { value }, text)));
 }
 
 /** Sets an element's text only if it differs, to keep text selections and avoid repeated announcements. */

@@ -1,8 +1,9 @@
 // Alarms and maintenance of one asset, newest first, with a button to enter maintenance.
 
 import { changeWords, quantityWords, stateWords } from "./alarm-words.js";
-import { h, setChildren, svg } from "./dom.js";
+import { h, svg } from "./dom.js";
 import { clock } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 import { inspectionWords } from "./inspection.js";
 import { MAINTENANCE, maintenanceWord, sameEvents } from "./life-events.js";
 import { format } from "./route.js";
@@ -43,6 +44,12 @@ export class EventsCard {
   #onRemove;
   #shown;
   #list = h("ul");
+  #rows = new KeyedRows(
+    this.#list,
+    ({ item }) => item.id,
+    ({ item, kind }) =>
+      kind === "maintenance" ? this.#maintenanceItem(item) : alarmItem(item, kind === "elsewhere"),
+  );
   #words = h("p", { class: "muted loading" }, "Loading…");
   element;
 
@@ -73,12 +80,12 @@ export class EventsCard {
         : "No alarms on this channel and no maintenance entries.";
     this.#words.hidden = !this.#words.textContent;
     this.#list.hidden = alarms.length + others.length + entries.length === 0;
-    setChildren(
-      this.#list,
-      alarms.map((alarm) => alarmItem(alarm)),
-      others.map((alarm) => alarmItem(alarm, true)),
-      entries.map((event) => this.#maintenanceItem(event)),
-    );
+    const of = (kind) => (item) => ({ kind, item });
+    this.#rows.show([
+      ...alarms.map(of("alarm")),
+      ...others.map(of("elsewhere")),
+      ...entries.map(of("maintenance")),
+    ]);
   }
 
   #maintenanceItem(event) {

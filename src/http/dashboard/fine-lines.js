@@ -5,6 +5,11 @@ import { cursorReach } from "./cursor-lines.js";
 
 const MAX_LINES = 200_000; // lines that the server returns at once
 const MAX_DRAWN = 20_000; // more than any screen has columns
+const NOISE_LINES = 32; // on each side of a line for its noise
+const LEAST_NOISE_LINES = 8;
+const LOBE = 2.5; // lines to each side that a tone reaches under the Hann window
+const MEDIAN_OF_NOISE = Math.sqrt(Math.LN2); // median of the amplitude of noise over its root mean square
+const ABOVE_NOISE = 2.5; // of the noise's root mean square: noise alone reaches it in one line of 500
 const MARGIN = 0.1; // of a part, on either side: the pinned record may run at another speed
 
 /** Contiguous lines spaced by `step`; the first is at `first` steps. */
@@ -35,6 +40,30 @@ class FineLines {
    */
   at(frequency) {
     return this.amplitude[this.#greatest(frequency, 1)];
+  }
+
+  /**
+   * The root-mean-square amplitude of the noise beside a frequency, from the median of lines on both sides,
+   * without those that a tone there, or others at multiples of `spacing` from it, may reach; undefined where
+   * too few lines are known.
+   */
+  noiseAt(frequency, spacing) {
+    const place = frequency / this.step - this.first;
+    const every = spacing / this.step;
+    const isBetween = (n) => {
+      const offset = Math.abs(n - place);
+      return offset > LOBE && !(Math.abs(offset - Math.round(offset / every) * every) <= LOBE);
+    };
+    const beside = [];
+    const nearest = Math.round(place);
+    for (const direction of [-1, 1])
+      for (let n = nearest, taken = 0; this.amplitude[n] !== undefined && taken < NOISE_LINES; n += direction)
+        if (isBetween(n)) {
+          beside.push(this.amplitude[n]);
+          taken += 1;
+        }
+    if (beside.length < LEAST_NOISE_LINES) return undefined;
+    return beside.sort((a, b) => a - b)[beside.length >> 1] / MEDIAN_OF_NOISE;
   }
 
   /** The same lines with other amplitudes, from frequency and amplitude. */
@@ -73,6 +102,18 @@ class FineLines {
 export function amplitudeAt({ fine }, frequency) {
   return fine.map((lines) => lines.at(frequency)).find((amplitude) => amplitude !== undefined);
 }
+
+/**
+ * Whether a line is no higher than the noise beside it; undefined where the noise is not known.
+ * Further lines may stand at multiples of `spacing` from it.
+ */
+export function isInNoise({ fine }, { x, amplitude }, spacing) {
+  const noise = fine.map((lines) => lines.noiseAt?.(x, spacing)).find((level) => level !== undefined);
+  return noise === undefined ? undefined : amplitude < ABOVE_NOISE * noise;
+}
+
+/** What is said of lines in the noise. */
+export const NOISE_WORDS = `in the noise: less than ${ABOVE_NOISE} times the noise beside the line`;
 
 /** The frequency of the peak within `reach` lines; undefined when those lines are not known. */
 export function peakNear({ fine }, frequency, reach) {

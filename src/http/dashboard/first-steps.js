@@ -36,7 +36,7 @@ export function firstSteps() {
     h(
       "p",
       {},
-      "An asset is one gear mesh seen by one or more accelerometers. Create one, then add vibration records. The first 20 records, taken while the gears are healthy, form the baseline.",
+      "An asset is one gear mesh, or a machine without gears, measured by one or more accelerometers. Create one, then add vibration records. The first 20 records, taken while the machine is healthy, form the baseline.",
     ),
     h(
       "ol",

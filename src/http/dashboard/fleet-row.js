@@ -3,6 +3,7 @@
 import { h, setChildren, setText } from "./dom.js";
 import { age, clock, count, depth } from "./format.js";
 import { baselineBar, sparkline, wearBar } from "./gauge.js";
+import { statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 import { assetState, depthWords, limitUse, timeToLimit, transmissionWords } from "./state.js";
 import { badge } from "./symbols.js";
@@ -28,10 +29,19 @@ const WAITING = {
   building: "building the library",
 };
 
+/** Why an asset whose state is an alarm has no estimate. */
+function reasonOf({ gear, summary }) {
+  if (!gear) return "no gear mesh";
+  if (!gear.pair) return WAITING.no_library;
+  const status = summary.wear?.status;
+  if (status === "outside_library") return "not explained by wear";
+  return status ? statusWords(summary.wear).toLowerCase() : "no estimate";
+}
+
 function wearContent(asset, state) {
   const { wear } = asset.summary;
   if (state === "collecting") return [baselineBar(wear.baseline)];
-  if (wear?.median_um == null) return [note(WAITING[state] ?? "no estimate")];
+  if (wear?.median_um == null) return [note(WAITING[state] ?? reasonOf(asset))];
   const use = limitUse(wear, asset.limits);
   const { number, interval } = depthWords(wear);
   const error = transmissionWords(wear);
@@ -40,7 +50,7 @@ function wearContent(asset, state) {
       "p",
       { class: "wear-number" },
       h("strong", {}, state === "unclear" ? "unclear" : number),
-      h("span", { class: "muted" }, interval.replace("5 to 95 %: ", "")),
+      h("span", { class: "muted" }, interval.replace("90 %: ", "")),
       use && state !== "unclear"
         ? h(
             "span",
@@ -64,22 +74,26 @@ function limitContent({ wear, last_start_time: last }, limits) {
   const left = timeToLimit(wear, last);
   if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
   if (!left) return [note("–")];
-  const title = `${depth(left.limit)} µm expected on ${clock(left.date)}`;
   return [
-    h("strong", { title }, left.median),
+    h("strong", {}, left.median),
     h("span", { class: "muted interval-words" }, left.interval),
     left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from),
+    h("span", { class: "spoken" }, `${depth(left.limit)} µm on ${clock(left.date)}`),
   ];
 }
 
 function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 } = {}) {
   const raised = danger + warning;
+  const open = h("span", { class: "unacknowledged", "data-severity": danger ? "danger" : "warning" });
+  open.append(String(unacknowledged), h("span", { class: "word" }, " unacknowledged"));
   const parts = [
-    raised && `${raised} ${raised === 1 ? "alarm" : "alarms"}`,
-    unacknowledged && `${unacknowledged} unacknowledged`,
-    shelved && `${shelved} shelved`,
+    raised && h("span", {}, `${raised} ${raised === 1 ? "alarm" : "alarms"}`),
+    unacknowledged && open,
+    shelved && h("span", {}, `${shelved} shelved`),
   ].filter(Boolean);
-  return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
+  const comma = () => h("span", { class: "comma" }, ", ");
+  const listed = parts.flatMap((part, n) => (n ? [comma(), part] : [part]));
+  return parts.length ? h("span", { class: "muted alarm-words" }, listed) : null;
 }
 
 /** Whether an asset has no wear to draw over time, so that its row needs less space on a narrow screen. */
@@ -121,15 +135,26 @@ export class FleetRow {
     this.#link.href = format({ page: "asset", id: asset.id });
     setText(this.#link, assetName(asset));
     setText(this.#id, [asset.location?.mesh, asset.name && asset.id].filter(Boolean).join(" · "));
-    setChildren(this.#state, badge(state), alarmWords(summary.alarms));
+    setChildren(this.#state, h("div", { class: "parts" }, badge(state), alarmWords(summary.alarms)));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, isBrief(asset) ? note("–") : sparkline(summary.recent_wear_um, asset.limits));
-    setChildren(this.#limit, ...limitContent(summary, asset.limits));
+    setChildren(this.#limit, h("div", { class: "parts" }, limitContent(summary, asset.limits)));
     setText(this.#segments, count(summary.segments));
-    // compact rows have no space for long text
-    this.#state.title = [...this.#state.children].map((part) => part.textContent).join(", ");
-    this.#last.title = summary.last_start_time ? clock(summary.last_start_time) : "";
+    this.#segments.dataset.count = String(summary.segments);
+    this.element.title = this.#summary(summary.last_start_time);
     this.tick();
+  }
+
+  /** What compact rows leave out; on the whole row, because its link covers the cells. */
+  #summary(last) {
+    const words = (cell) => [...cell.firstChild.children].map((part) => part.textContent).join(", ");
+    return [
+      words(this.#state),
+      this.#limit.querySelector("strong") ? `Time to limit: ${words(this.#limit)}` : "",
+      last ? `Last record: ${clock(last)}` : "",
+    ]
+      .filter(Boolean)
+      .join("\n");
   }
 
   /** Updates the age of the last record. */

@@ -26,7 +26,7 @@ const COLUMNS = [
     descends: true,
     compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a),
   },
-  { key: "wear", label: "Wear, 5 to 95 %", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
+  { key: "wear", label: "Wear, 90 % interval", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
   { label: "Wear history" },
   { key: "limit", label: "Time to limit", compare: (a, b) => leftOf(a) - leftOf(b) },
   { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },

@@ -27,6 +27,6 @@ export function forecastOf(items, latest, colour) {
   return {
     traces: [line(p05, "dot", 1), line(late, "dot", 1), line(median, "dash", 2)],
     range: [items[0].start_time, new Date(shown + 0.02 * (shown - first)).toISOString()],
-    words: `forecast: ${depth(limit)} µm ${left.median} ${left.from} (5 to 95 %: ${left.interval})`,
+    words: `forecast: ${depth(limit)} µm ${left.median} ${left.from} (90 %: ${left.interval})`,
   };
 }

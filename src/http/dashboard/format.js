@@ -28,6 +28,18 @@ export function number(value, digits = 4) {
   return Number(value.toPrecision(digits)).toString();
 }
 
+/** A number of a table: with its trailing zeros, so that all have the same number of digits. */
+export function figure(value, digits = 4) {
+  const text = number(value, digits);
+  const isPlain = /^-?[\d.]+$/.test(text) && value !== 0 && Math.abs(value) < 10 ** digits;
+  return isPlain ? Number(value).toPrecision(digits) : text;
+}
+
+/** A number of a table with the same decimals in each row. */
+export function decimals(value, places) {
+  return Number.isFinite(value) ? value.toFixed(places) : NONE;
+}
+
 /** A change in decibels with its sign, without the unit. */
 export function decibels(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
@@ -128,8 +140,7 @@ export function indicatorName(name) {
   if (mesh) return `Mesh harmonic ${mesh[1]}×`;
   const band = /^band_(.+)$/.exec(name);
   const [, bearing, line, ratio] = /^bearing_(.+)_(bpfo|bpfi|bsf|ftf)(_to_background)?$/.exec(name) ?? [];
-  if (bearing)
-    return `${line.toUpperCase()} of bearing ${bearing}${ratio ? ", relative to its background" : ""}`;
+  if (bearing) return `${line.toUpperCase()} of ${bearing}${ratio ? ", to background" : ""}`;
   return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 

@@ -7,7 +7,7 @@ import { depthWords, wearState } from "./state.js";
 const DANGER_AT = 0.8; // position of the danger limit, the same in every bar so that bars are comparable
 
 function scaleEnd(wear, limits) {
-  const high = wear?.p95_um ?? 0;
+  const high = wear?.high_um ?? 0;
   if (limits?.danger_um) return Math.max(limits.danger_um / DANGER_AT, high);
   if (limits?.warning_um) return Math.max(limits.warning_um / 0.6, high);
   return Math.max(high * 1.2, 10);
@@ -31,7 +31,7 @@ export function wearBar(wear, limits) {
   if (danger != null) bar.append(place(h("span", { class: "zone zone-danger" }), danger / end, 1));
   if (wear?.median_um != null) {
     bar.dataset.state = wearState(wear, limits);
-    bar.append(place(h("span", { class: "interval" }), wear.p05_um / end, Math.min(wear.p95_um / end, 1)));
+    bar.append(place(h("span", { class: "interval" }), wear.low_um / end, Math.min(wear.high_um / end, 1)));
     bar.append(place(h("span", { class: "median" }), Math.min(wear.median_um / end, 0.995)));
   }
   if (warning != null)

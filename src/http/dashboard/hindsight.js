@@ -33,7 +33,7 @@ export function hindsightLines(items, colour) {
     hoverinfo: "skip",
   });
   return {
-    traces: [edge("p05_um"), edge("p95_um")],
-    entries: [["dash", colour.reference, "5 to 95 %, in hindsight of the inspection"]],
+    traces: [edge("low_um"), edge("high_um")],
+    entries: [["dash", colour.reference, "90 % interval, in hindsight of the inspection"]],
   };
 }

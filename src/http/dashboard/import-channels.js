@@ -36,6 +36,7 @@ export class ImportChannels {
   #onChange;
   #seen = { channels: [] };
   #fields = []; // { name, unit } inputs of each channel
+  #drawings = []; // of each channel with a row
   element = h("div", { class: "file-channels" });
 
   constructor(file, onChange) {
@@ -53,12 +54,31 @@ export class ImportChannels {
     this.#fields = [];
   }
 
-  /** Shows the channels of a preview; what was entered for them stays. */
+  /**
+   * Shows the channels of a preview; what was entered for them stays.
+   * @param {any} seen
+   */
   show(seen) {
+    /** @param {any} known */
+    const asText = ({ type, channels }) =>
+      JSON.stringify([type, channels.map(({ name, unit: own }) => [name, own])]);
+    const isSame = this.#fields.length > 0 && asText(seen) === asText(this.#seen);
     this.#seen = seen;
-    const { channels, summary } = seen;
+    if (isSame) this.#redraw();
+    else this.#list();
+  }
+
+  /** Draws the samples only: the fields stay, since one of them may have the focus. */
+  #redraw() {
+    for (const [n, drawn] of this.#drawings.entries())
+      setChildren(drawn, this.#sketch(this.#seen.channels[n], n));
+  }
+
+  #list() {
+    const { channels, summary } = this.#seen;
     const kept = this.#fields.map(({ name, unit: own }) => ({ name: name.value, unit: own?.value }));
-    this.#fields = [];
+    if (channels.length) this.#fields = []; // entries outlast a preview that fails
+    this.#drawings = [];
     const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => this.#row(channel, n, kept[n]));
     const more =
       channels.length > MAX_CHANNELS
@@ -67,18 +87,25 @@ export class ImportChannels {
     setChildren(this.element, rows, more, topics(summary));
   }
 
+  #of(channel, n) {
+    return `${channel.name || `channel ${n + 1}`} of ${this.#file.name}`;
+  }
+
+  #sketch(channel, n) {
+    if (!channel.sketch) return [];
+    const part = PARTS[this.#seen.type] ?? "a sample of it";
+    return [
+      sketch(channel.sketch, this.#of(channel, n)),
+      channel.sketch.whole ? null : h("span", { class: "muted" }, part),
+    ];
+  }
+
   #row(channel, n, kept) {
     const { type, channels } = this.#seen;
     const label = channel.name || `channel ${n + 1}`;
-    const of = `${label} of ${this.#file.name}`;
-    const drawn = h(
-      "div",
-      {},
-      channel.sketch && sketch(channel.sketch, of),
-      channel.sketch && !channel.sketch.whole
-        ? h("span", { class: "muted" }, PARTS[type] ?? "a sample of it")
-        : null,
-    );
+    const of = this.#of(channel, n);
+    const drawn = h("div", {}, this.#sketch(channel, n));
+    this.#drawings.push(drawn);
     if (!isMapped(type)) {
       const words = [label, unit(channel.unit)].filter(Boolean).join(", ");
       return h("div", { class: "file-channel" }, h("p", {}, words), drawn);

@@ -2,19 +2,17 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, clock, count, speedDoubt } from "./format.js";
+import { clock, count, speedDoubt } from "./format.js";
 import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
+import { UploadProgress } from "./import-progress.js";
 import { refusalWords, sendFile } from "./import-sending.js";
 import { StartSpacing } from "./import-spacing.js";
-import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
+import { ImportValues } from "./import-values.js";
 import { format } from "./route.js";
 
-function field(id, label, properties) {
-  const input = h("input", { id, ...properties });
-  return { input, element: h("label", { class: "field", for: id }, h("span", {}, label), input) };
-}
+const UNFOLDED = 8; // files; the cards of more are folded
 
 /** Makes the browser ask before the page is closed or reloaded, which would end an upload; until aborted. */
 function warnBeforeLeaving() {
@@ -37,37 +35,11 @@ export class ImportDesk {
     accept: [...ENDINGS, ".gz"].join(","),
     onchange: () => this.take([...this.#file.files]),
   });
-  #unit = field("upload-unit", "Unit", {
-    placeholder: "e.g. m/s2",
-    size: 6,
-    list: UNITS,
-    onchange: () => this.#checkUnit(),
+  #values = new ImportValues(() => this.#lookAgain());
+  #spacing = new StartSpacing(() => {
+    this.#compare();
+    this.#fold(this.#files);
   });
-  #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
-  #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
-  #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
-  #rate = field("upload-rate", "Sampling rate of a CSV, MATLAB or NumPy file, Hz", {
-    type: "number",
-    min: 0,
-    step: "any",
-    placeholder: "from the file",
-    onchange: () => this.#lookAgain(),
-  });
-  #scale = field("upload-scale", "Full scale of 16-bit WAV files, in the unit", {
-    type: "number",
-    min: 0,
-    step: "any",
-    placeholder: "1",
-    title: "The amplitude of the largest 16-bit value, for example 50 for ±50 m/s²",
-  });
-  #unitNote = h(
-    "p",
-    { class: "result", "data-kind": "part", hidden: true },
-    "The files do not name the unit of their samples, and the asset has no default. Enter it (m/s2, g, mm/s …): without it levels have no unit and velocity is not computed. It cannot be changed once a channel has records.",
-  );
-  #unknownUnit = h("p", { class: "result", "data-kind": "part", role: "status", hidden: true });
-  #optional;
-  #spacing = new StartSpacing(() => this.#compare());
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
@@ -103,23 +75,11 @@ export class ImportDesk {
     // the page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [this.#unit, this.#scale, this.#speed, this.#torque, this.#temperature, this.#rate].map(
-      ({ element }) => element,
-    );
-    this.#optional = h(
-      "details",
-      {},
-      h("summary", {}, "Unit; for all files other than MCAP: full scale, operating point, sampling rate"),
-      this.#unitNote,
-      h("div", { class: "fields" }, fields),
-      this.#unknownUnit,
-      unitList(),
-    );
     this.element = h(
       "section",
       { class: "import-desk" },
       h("h3", {}, "Upload files"),
-      this.#optional,
+      this.#values.element,
       drop,
       this.#spacing.element,
       this.#list,
@@ -140,18 +100,6 @@ export class ImportDesk {
     setText(this.#undo, `Undo ${which}: delete ${records(size)}…`);
   }
 
-  /** Values for all files that do not contain them. */
-  #common() {
-    return {
-      unit: this.#unit.input.value.trim(),
-      shaft_speed_hz: this.#speed.input.value,
-      torque_nm: this.#torque.input.value,
-      temperature_c: this.#temperature.input.value,
-      rate: Number(this.#rate.input.value) || undefined,
-      fullScale: Number(this.#scale.input.value) || undefined,
-    };
-  }
-
   /** Lists files and inspects them one after the other. */
   async take(chosen) {
     // a file that cannot be unpacked is shown as unsupported
@@ -161,7 +109,7 @@ export class ImportDesk {
         new ImportFile(
           file,
           this.#asset,
-          () => this.#common(),
+          () => this.#values.common(),
           (card) => this.#remove(card),
           () => this.#compare(),
         ),
@@ -170,23 +118,14 @@ export class ImportDesk {
     this.#list.append(...cards.map(({ element }) => element));
     this.#file.value = "";
     for (const card of cards) await card.look();
-    await this.#askForUnit();
+    this.#fold(cards);
+    if (this.#files.some(({ lacksUnit }) => lacksUnit)) await this.#values.askForUnit(this.#asset);
+    if (cards.some(({ seen }) => seen?.lacksRate)) this.#values.element.open = true;
     this.#offer(); // files not inspected yet are not sent
   }
 
-  /** Points to the field of the unit before the first records of an asset, whose unit then stays. */
-  async #askForUnit() {
-    if (this.#unit.input.value || !this.#files.some(({ lacksUnit }) => lacksUnit)) return;
-    const asset = await api.asset(this.#asset).catch(() => null);
-    if (!asset || asset.sensor?.unit || asset.summary.segments > 0) return;
-    this.#unitNote.hidden = false;
-    this.#optional.open = true;
-  }
-
-  #checkUnit() {
-    const words = unknownUnitWords(this.#unit.input.value.trim());
-    this.#unknownUnit.hidden = !words;
-    setText(this.#unknownUnit, words);
+  #fold(cards) {
+    if (this.#files.length > UNFOLDED) for (const card of cards) card.fold();
   }
 
   /** After an upload, asks whether teeth and speed are right if the lines of the latest record contradict them. */
@@ -201,6 +140,7 @@ export class ImportDesk {
     const depend = ["text/csv", "application/x-matlab-data", "application/x-npy"];
     for (const card of this.#files.filter(({ seen }) => !seen || depend.includes(seen.type)))
       await card.look();
+    this.#offer();
   }
 
   #remove(card) {
@@ -218,7 +158,7 @@ export class ImportDesk {
     setText(
       this.#summary,
       isLast
-        ? `${count(all)} files read: ${records(this.#batch.size)} added${refused}.`
+        ? `${count(all)} ${all === 1 ? "file" : "files"} read: ${records(this.#batch.size)} added${refused}.`
         : `${count(done)} of ${count(all)} files uploaded${refused}…`,
     );
   }
@@ -233,7 +173,7 @@ export class ImportDesk {
   }
 
   #offer() {
-    const { length } = this.#files;
+    const { length } = this.#files.filter(({ isRecording }) => isRecording);
     this.#spacing.show(this.#files);
     this.#send.hidden = length === 0;
     setText(this.#send, length === 1 ? "Upload file" : `Upload ${length} files`);
@@ -241,15 +181,21 @@ export class ImportDesk {
 
   /**
    * Uploads the listed files one after the other, after any running upload, and reports the result of each.
+   * Unsupported files stay listed, with their reason.
    */
   #sendAll() {
-    const common = this.#common();
+    const question = this.#spacing.question();
+    if (question && !confirm(question)) return;
+    const common = this.#values.common();
     const cards = this.#files
-      .filter(({ seen }) => seen)
-      .map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
-    this.#files = [];
-    this.#unitNote.hidden = true;
-    setChildren(this.#list);
+      .filter(({ isRecording }) => isRecording)
+      .map((card) => ({ card, file: card.file, seen: card.seen, entry: card.entry() }));
+    this.#files = this.#files.filter(({ isRecording }) => !isRecording);
+    this.#values.forgetUnit();
+    setChildren(
+      this.#list,
+      this.#files.map(({ element }) => element),
+    );
     this.#offer();
     this.#sending = this.#sending.then(async () => {
       setChildren(this.#results);
@@ -257,14 +203,15 @@ export class ImportDesk {
       this.#undo.hidden = this.#next.hidden = this.#question.hidden = true;
       this.#batch.begin();
       const stay = warnBeforeLeaving();
-      const waiting = cards.map(({ file }) => new Progress(file));
+      const waiting = cards.map(({ file }) => new UploadProgress(file));
       this.#results.append(...waiting.map(({ element }) => element));
-      let rejected = 0;
-      for (const [n, card] of cards.entries()) {
-        this.#sum(n, cards.length, rejected, false);
-        if (!(await this.#sendOne(card, common, waiting[n]))) rejected += 1;
+      const rejected = [];
+      for (const [n, one] of cards.entries()) {
+        this.#sum(n, cards.length, rejected.length, false);
+        if (!(await this.#sendOne(one, common, waiting[n]))) rejected.push(one.card);
       }
-      this.#sum(cards.length, cards.length, rejected, true);
+      this.#sum(cards.length, cards.length, rejected.length, true);
+      this.#listAgain(rejected);
       stay.abort();
       this.#next.hidden = !this.#next.children.length || this.#batch.size === 0;
       this.#offerUndo();
@@ -272,12 +219,20 @@ export class ImportDesk {
     });
   }
 
+  /** Lists rejected files again if another start, rate or name may help. */
+  #listAgain(rejected) {
+    const cards = rejected.filter(({ isReadable }) => isReadable);
+    if (cards.length === 0) return;
+    this.#files.unshift(...cards);
+    this.#list.prepend(...cards.map(({ element }) => element));
+    this.#summary.hidden = false;
+    this.#summary.append(" Rejected files are listed again, to be corrected.");
+    this.#offer();
+    this.#compare();
+  }
+
   /** Returns whether the file was taken. */
   async #sendOne({ file, seen, entry }, common, progress) {
-    if (!seen.type) {
-      progress.end("bad", refusalWords(file, new Error(seen.fault)));
-      return false;
-    }
     progress.begin();
     try {
       const { kind, words, segments, listed } = await sendFile(
@@ -328,37 +283,5 @@ export class ImportDesk {
   #showNotice(kind, words) {
     this.#undone.dataset.kind = kind;
     setText(this.#undone, words);
-  }
-}
-
-/** Progress and result of one upload. */
-class Progress {
-  #file;
-  #words = h("p", {});
-  #bar = h("progress", { max: 1, value: 0, hidden: true });
-  element;
-
-  constructor(file) {
-    this.#file = file;
-    this.#bar.setAttribute("aria-label", `Upload of ${file.name}`);
-    setText(this.#words, `${file.name}: waiting.`);
-    this.element = h("div", { class: "result", role: "status" }, this.#words, this.#bar);
-  }
-
-  begin() {
-    this.#bar.hidden = false;
-    setText(this.#words, `Uploading ${this.#file.name}, ${bytes(this.#file.size)}…`);
-  }
-
-  sent(share) {
-    if (share < 1) return (this.#bar.value = share);
-    // all bytes are sent; the answer arrives once every record is analysed and stored
-    this.#bar.removeAttribute("value");
-    setText(this.#words, `${this.#file.name}: uploaded, analysing…`);
-  }
-
-  end(kind, words) {
-    this.element.dataset.kind = kind;
-    setChildren(this.element, ...words.map((text) => h("p", {}, text)));
   }
 }

@@ -51,13 +51,15 @@ export class ImportFile {
     h("span", {}, "Full scale, in the unit"),
     this.#scale,
   );
-  #facts = h("p", { class: "file-facts muted" }, "Inspecting the file…");
+  #facts = h("span", { class: "file-facts muted" }, "Inspecting the file…");
   #fault = h("p", { class: "result", "data-kind": "bad", hidden: true });
   #columns = h("div", { class: "file-columns", hidden: true });
   #collision = h("p", { class: "result", "data-kind": "part", hidden: true });
   #twins = h("p", { class: "result", "data-kind": "part", hidden: true });
   #onChange;
   #time = h("div", { class: "file-start" });
+  #when = h("span", { class: "file-when muted" }); // of the folded card
+  #details;
   element;
 
   constructor(file, asset, common, onRemove, onChange) {
@@ -73,20 +75,20 @@ export class ImportFile {
       },
       "✕",
     );
-    this.element = h(
-      "li",
-      {},
+    this.#details = h(
+      "details",
+      { open: true },
       h(
-        "span",
+        "summary",
         { class: "file-name" },
         h("strong", {}, file.name),
-        h("span", { class: "muted" }, ` ${bytes(file.size)}`),
+        h("span", { class: "muted" }, ` ${bytes(file.size)} `),
+        this.#facts,
+        this.#when,
       ),
-      remove,
       h(
         "div",
         { class: "file-body" },
-        this.#facts,
         this.#fault,
         this.#time,
         this.#columns,
@@ -95,6 +97,18 @@ export class ImportFile {
         this.#twins,
       ),
     );
+    this.element = h("li", {}, this.#details, remove);
+  }
+
+  /** Folds the card to one line, unless there is something to see to. */
+  fold() {
+    const notes = [this.#fault, this.#collision, ...(this.hasGuessedStart ? [] : [this.#twins])];
+    this.#details.open = !this.seen?.type || notes.some(({ hidden }) => !hidden);
+  }
+
+  #showWhen() {
+    const start = this.start() ?? this.seen?.ownStart;
+    setText(this.#when, start ? ` · ${clock(start)}` : "");
   }
 
   /** Inspects the file. Only the latest inspection counts, whichever answer arrives last. */
@@ -113,6 +127,7 @@ export class ImportFile {
     this.#showColumns();
     this.#channels.show(seen);
     this.#showScale();
+    this.#showWhen();
     this.#onChange();
     await this.#lookForCollision();
   }
@@ -144,6 +159,17 @@ export class ImportFile {
     this.#time.append(this.#startWords);
   }
 
+  /** Whether the file is inspected, and supported by its name. */
+  get isRecording() {
+    return Boolean(this.seen?.type);
+  }
+
+  /** Whether the file itself can be read, whatever is missing beside it. */
+  get isReadable() {
+    const { channels, fault, lacksRate } = this.seen ?? { channels: [] };
+    return this.isRecording && (channels.length > 0 || !fault || lacksRate);
+  }
+
   /** Whether the start is the modification time of the file, which a copy may have changed. */
   get hasGuessedStart() {
     return Boolean(this.seen?.start?.isGuess) && !this.#typed;
@@ -163,7 +189,9 @@ export class ImportFile {
 
   #typeStart() {
     this.#typed = true;
-    setText(this.#startWords, "entered");
+    const isAhead = Date.parse(this.start()) > Date.now();
+    setText(this.#startWords, isAhead ? "entered; it is in the future" : "entered");
+    this.#showWhen();
     this.#onChange();
     this.#lookForCollision();
   }

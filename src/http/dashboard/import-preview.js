@@ -107,6 +107,7 @@ async function ofCsv(file, rate, roles) {
     form: "CSV",
     rateFrom: seen.rate_source && (RATE_SOURCES[seen.rate_source] ?? times)(),
     begins: seen.start_time,
+    lacksRate: !seen.fault && !seen.sample_rate_hz,
     fault: seen.fault?.replace(/^csv /, "") ?? (seen.sample_rate_hz ? null : NO_RATE),
   };
 }
@@ -154,6 +155,7 @@ async function ofSamples(file, rate) {
     rate: first?.sample_rate_hz,
     rateFrom: given.sample_rate_hz ? "entered" : "from the file",
     seconds: first && first.samples / first.sample_rate_hz,
+    lacksRate: ending !== "flac" && !first && !rate,
     fault: seen.fault,
   };
 }
@@ -202,7 +204,10 @@ const READERS = {
   "application/x-protobuf": ofBlock,
 };
 
-/** What is known of a file before the upload; `fault` is what is wrong with it. Never throws. */
+/**
+ * What is known of a file before the upload; `fault` is what is wrong with it, `lacksRate` whether a sampling
+ * rate may mend it. Never throws.
+ */
 export async function preview(file, rate, roles) {
   const type = typeOf(file);
   if (!type)

@@ -143,8 +143,10 @@ function words(file, answer) {
   if (answer.records !== undefined) {
     const queued = answer.queued ? `, ${answer.queued} queued for analysis` : "";
     const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already stored, ${answer.refused_count} refused.`;
+    const missing = answer.missing_channels ?? [];
     return [
       counts,
+      ...missing.map((name) => `No record of the file has the channel ${name}; nothing is renamed for it.`),
       ...answer.refused
         .slice(0, 5)
         .map(
@@ -159,7 +161,7 @@ function words(file, answer) {
     const estimate =
       wear.median_um == null
         ? wear.reason
-        : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
+        : `wear ${depth(wear.median_um)} µm (${depth(wear.low_um)} to ${depth(wear.high_um)})`;
     return ended(`${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}`);
   });
 }

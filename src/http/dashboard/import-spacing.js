@@ -1,16 +1,35 @@
 // Start times for files that have none: records taken at a fixed interval, in the order of the files' names.
 
 import { h, setText } from "./dom.js";
-import { count } from "./format.js";
+import { clock, count } from "./format.js";
 
+const MINUTE = 60_000; // ms
+const FEW = 3; // files
 const byName = new Intl.Collator("en", { numeric: true });
 
 /** Shown when several files have only their modification time. */
 export class StartSpacing {
   #cards = [];
   #words = h("p");
-  #first = h("input", { type: "datetime-local", step: "1", id: "spacing-first" });
-  #interval = h("input", { type: "number", min: 0, step: "any", id: "spacing-interval", value: "60" });
+  #first = h("input", {
+    type: "datetime-local",
+    step: "1",
+    id: "spacing-first",
+    onchange: () => {
+      this.#isTyped = this.#first.value !== "";
+      this.#showLast();
+    },
+  });
+  #interval = h("input", {
+    type: "number",
+    min: 0,
+    step: "any",
+    id: "spacing-interval",
+    value: "60",
+    onchange: () => this.#showLast(),
+  });
+  #last = h("p", { role: "status" });
+  #isTyped = false;
   #onChange;
   element = h(
     "div",
@@ -28,6 +47,7 @@ export class StartSpacing {
       ),
       h("button", { type: "button", onclick: () => this.#apply() }, "Set start times"),
     ),
+    this.#last,
   );
 
   constructor(onChange) {
@@ -45,16 +65,40 @@ export class StartSpacing {
       this.#words,
       `${count(this.#cards.length)} files do not say when they were recorded. Wear follows the order of the records, so their times matter: set them below, in the order of the file names, or one by one.`,
     );
-    this.#first.value ||= this.#cards[0].start()?.slice(0, 19) ?? "";
+    this.#showLast();
+  }
+
+  /** A question when files without times would stand at one moment, as after a copy; null otherwise. */
+  question() {
+    const starts = this.#cards.filter((card) => card.hasGuessedStart).map((card) => Date.parse(card.start()));
+    if (starts.length < FEW || Math.max(...starts) - Math.min(...starts) > MINUTE) return null;
+    return `${count(starts.length)} files do not say when they were recorded, and were all written within one minute. Wear follows the order of the records, so set their start times first. Upload them at the times of the files anyway?`;
+  }
+
+  /** The start of the last record, in ms; NaN while something is missing. */
+  get #end() {
+    const [begin, minutes] = [Date.parse(`${this.#first.value}Z`), Number(this.#interval.value)];
+    return minutes > 0 ? begin + (this.#cards.length - 1) * minutes * MINUTE : NaN;
+  }
+
+  /** Shows the last start. Until a first one is entered, the last is that of the latest file. */
+  #showLast() {
+    if (!this.#isTyped) {
+      const latest = Math.max(...this.#cards.map(({ file }) => file.lastModified));
+      const span = (this.#cards.length - 1) * Number(this.#interval.value) * MINUTE;
+      this.#first.value = new Date(latest - span).toISOString().slice(0, 19);
+    }
+    const end = this.#end;
+    const words = isNaN(end) ? "" : `Last record: ${clock(new Date(end).toISOString())}`;
+    setText(this.#last, words && `${words}${end > Date.now() ? ", which is in the future" : ""}.`);
   }
 
   #apply() {
-    const minutes = Number(this.#interval.value);
-    if (!this.#first.value || !(minutes > 0))
-      return (this.#first.value ? this.#interval : this.#first).focus();
+    if (isNaN(this.#end)) return (this.#first.value ? this.#interval : this.#first).focus();
     const begin = Date.parse(`${this.#first.value}Z`);
+    const minutes = Number(this.#interval.value);
     for (const [n, card] of this.#cards.entries())
-      card.setStart(new Date(begin + n * minutes * 60_000).toISOString(), "at the interval entered");
+      card.setStart(new Date(begin + n * minutes * MINUTE).toISOString(), "at the interval entered");
     this.#onChange();
   }
 }

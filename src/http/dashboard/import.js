@@ -39,7 +39,7 @@ export class ImportPage {
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     await this.#replay.refresh();
   }
 

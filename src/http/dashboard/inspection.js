@@ -52,7 +52,6 @@ const label = ({ time, inspection }, colour) => ({
   yanchor: "top",
   yshift: -6,
   showarrow: false,
-  bgcolor: colour.surface,
   font: { color: colour.reference },
 });
 

@@ -3,7 +3,7 @@
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
 import { h, setChildren } from "./dom.js";
-import { depth, indicatorName, number } from "./format.js";
+import { depth, figure, indicatorName } from "./format.js";
 import { drawPair } from "./gear-drawing.js";
 import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
 import { PlotCard } from "./plot-card.js";
@@ -17,18 +17,18 @@ const COLUMNS = [
   [
     "stiffness_mean_n_per_m",
     "Mean stiffness (N/\u2060µm)",
-    (row) => number(row.stiffness_mean_n_per_m * 1e-6, 4),
+    (row) => figure(row.stiffness_mean_n_per_m * 1e-6),
   ],
-  ["stiffness_min_n_per_m", "Minimum (N/\u2060µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
-  ["stiffness_max_n_per_m", "Maximum (N/\u2060µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
+  ["stiffness_min_n_per_m", "Minimum (N/\u2060µm)", (row) => figure(row.stiffness_min_n_per_m * 1e-6)],
+  ["stiffness_max_n_per_m", "Maximum (N/\u2060µm)", (row) => figure(row.stiffness_max_n_per_m * 1e-6)],
   [
     "uste_peak_to_peak_rad",
     "Transmission error, peak to peak (µrad)",
-    (row) => number(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * 1e6, 4),
+    (row) => figure(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * 1e6),
   ],
-  ["rms", "RMS (m/s²)", (row) => number(row.rms, 4)],
-  ["kurtosis", "Kurtosis", (row) => number(row.kurtosis, 4)],
-  ["omx", "OMX (m/s²)", (row) => number(row.omx, 4)],
+  ["rms", "RMS (m/s²)", (row) => figure(row.rms)],
+  ["kurtosis", "Kurtosis", (row) => figure(row.kurtosis)],
+  ["omx", "OMX (m/s²)", (row) => figure(row.omx)],
 ];
 const CHOICES = ["rms", "kurtosis", "omx", "crest_factor", "mesh_2", "mesh_3", "mesh_4", "mesh_5"];
 

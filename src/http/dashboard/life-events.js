@@ -152,7 +152,6 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
       textangle: -90,
       text: maintenanceWord(kind),
       showarrow: false,
-      bgcolor: colour.surface,
       font: { color: colour.reference },
     });
   if (events.length) entries.push(["dash", colour.reference, "maintenance"]);

@@ -1,10 +1,10 @@
 // Spectral lines as a table: those of the cursor, or else the visible mesh harmonics and sidebands.
 
 import { BaselineLines, levelWords } from "./baseline-lines.js";
-import { cursorLines } from "./cursor-lines.js";
+import { cursorLines, spacingOf } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
-import { amplitudeAt } from "./fine-lines.js";
-import { decibels, number, unit } from "./format.js";
+import { amplitudeAt, isInNoise, NOISE_WORDS } from "./fine-lines.js";
+import { decibels, decimals, figure, unit } from "./format.js";
 import { legend } from "./plots.js";
 import { axisOf, sidebandsOf } from "./spectrum-plot.js";
 
@@ -33,9 +33,15 @@ function cursorRows(spectrum, cursor) {
 
 const change = (amplitude, first) => (amplitude > 0 && first > 0 ? 20 * Math.log10(amplitude / first) : null);
 
-/** The lines of a cursor, or those of the mesh without one. */
-const rowsOf = (spectrum, cursor, { sidebands, zoom }) =>
-  cursor ? cursorRows(spectrum, cursor) : meshRows(spectrum, sidebands, zoom);
+/** The lines of a cursor, or those of the mesh without one; `noisy` are those in the noise. */
+function rowsOf(spectrum, cursor, { sidebands, zoom }) {
+  const rows = cursor ? cursorRows(spectrum, cursor) : meshRows(spectrum, sidebands, zoom);
+  const spacing = cursor ? spacingOf(cursor) : spectrum.shaft_speed_hz;
+  return rows.map((row) => ({ ...row, noisy: isInNoise(spectrum, row, spacing) }));
+}
+
+/** An amplitude as text, in brackets if it is in the noise. */
+const amplitudeWords = (amplitude, noisy) => (noisy ? `(${figure(amplitude)})` : figure(amplitude));
 
 /** A heading in the colour of its record. */
 const recordHeading = ({ data, colour, name }) => [
@@ -47,13 +53,11 @@ const recordHeading = ({ data, colour, name }) => [
 /** The amplitudes of further records at the rows of the first, and their ratio to it. */
 function furtherColumns(layers, cursors, rows, view) {
   return layers.flatMap((layer, n) => {
-    const own = new Map(
-      rowsOf(layer.data, cursors[n], view).map(({ label, amplitude }) => [label, amplitude]),
-    );
-    const amplitudes = rows.map(({ label }) => own.get(label));
+    const own = new Map(rowsOf(layer.data, cursors[n], view).map((row) => [row.label, row]));
+    const lines = rows.map(({ label }) => own.get(label));
     return [
-      [recordHeading(layer), amplitudes.map((each) => number(each, 4))],
-      ["dB", amplitudes.map((each, row) => decibels(change(each, rows[row].amplitude)))],
+      [recordHeading(layer), lines.map((line) => amplitudeWords(line?.amplitude, line?.noisy))],
+      ["dB", lines.map((line, row) => decibels(change(line?.amplitude, rows[row].amplitude)))],
     ];
   });
 }
@@ -73,6 +77,7 @@ export class LineTable {
   #summary = h("summary");
   #head = h("tr");
   #body = h("tbody");
+  #note = h("p", { class: "muted" }, `(…) ${NOISE_WORDS}`);
   element = h(
     "details",
     { class: "lines", open: true, hidden: true },
@@ -82,6 +87,7 @@ export class LineTable {
       { class: "lines-scroll", tabindex: "0", role: "group", "aria-label": "Spectral lines" },
       h("table", {}, h("thead", {}, this.#head), this.#body),
     ),
+    this.#note,
   );
 
   /** The changes of lines since the baseline; those of other lines than mesh harmonics are requested. */
@@ -115,17 +121,18 @@ export class LineTable {
     const inOrders = axisOf(spectrum).name === "order";
     const columns = [
       ["Line", rows.map(({ label }) => label)],
-      shaft && ["Order", rows.map(({ x }) => number(x / shaft, 5))],
-      !inOrders && ["Frequency, Hz", rows.map(({ x }) => number(x, 6))],
+      shaft && ["Order", rows.map(({ x }) => decimals(x / shaft, 3))],
+      !inOrders && ["Frequency, Hz", rows.map(({ x }) => decimals(x, 2))],
       [
         further.layers.length
           ? recordHeading(further.first)
           : `Amplitude${unit(unitName) ? `, ${unit(unitName)}` : ""}`,
-        rows.map(({ amplitude }) => number(amplitude, 4)),
+        rows.map(({ amplitude, noisy }) => amplitudeWords(amplitude, noisy)),
       ],
       ...furtherColumns(further.layers, further.cursors, rows, view),
       grown.some((each) => each != null) && ["dB to baseline", grown.map(levelWords)],
     ].filter(Boolean);
+    this.#note.hidden = !columns.some(([, values]) => values.some((text) => text.startsWith("(")));
     setText(this.#summary, cursor ? "Cursor lines" : "Mesh lines");
     setChildren(
       this.#head,
@@ -133,10 +140,10 @@ export class LineTable {
     );
     setChildren(
       this.#body,
-      rows.map((_, row) =>
+      rows.map(({ noisy }, row) =>
         h(
           "tr",
-          {},
+          noisy ? { class: "in-noise", title: NOISE_WORDS } : {},
           columns.map(([, values], column) =>
             h(column ? "td" : "th", column ? {} : { scope: "row" }, values[row]),
           ),

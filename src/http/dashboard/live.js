@@ -97,16 +97,15 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
   live.title = pushed ? "Live updates from the server" : "Polling the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);
-  const lost = state === "lost" || state === "failed";
+  // The login dialog already says that a token is required.
+  const lost = state === "lost" || (state === "failed" && error.status !== 401);
   banner.hidden = !lost;
   if (!lost) return;
   const since = clock(lostAt).slice(11);
   const what =
     state === "lost"
       ? `Connection lost since ${since}: ${error.message}.`
-      : error.status === 401
-        ? "This service requires a token."
-        : `Update failed: ${error.message}.`;
+      : `Update failed: ${error.message}.`;
   setText(bannerText, updatedAt ? `${what} The data shown may be out of date.` : what);
   // the countdown is hidden from screen readers: it changes every second
   const wait = Math.ceil((retryAt - Date.now()) / 1000);

@@ -10,6 +10,8 @@ import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 
+const OF_GEARS = ["gear_replaced", "inspected"];
+
 /** The dialog with the form for one maintenance event. */
 export class MaintenanceDialog {
   #id;
@@ -22,14 +24,15 @@ export class MaintenanceDialog {
     placeholder: "for example the serial number of the new pair",
   });
   #inspection = new InspectionFields();
+  #kinds = new Map(); // kind → its label with the radio button
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save");
   element;
 
   constructor(assetId) {
     this.#id = assetId;
-    const kinds = Object.entries(MAINTENANCE).map(([kind, { word, words }], n) =>
-      h(
+    Object.entries(MAINTENANCE).forEach(([kind, { word, words }], n) => {
+      const label = h(
         "label",
         {},
         h("input", {
@@ -41,8 +44,9 @@ export class MaintenanceDialog {
         }),
         h("strong", {}, word),
         h("span", { class: "muted" }, words),
-      ),
-    );
+      );
+      this.#kinds.set(kind, label);
+    });
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
     const close = h(
       "button",
@@ -52,7 +56,7 @@ export class MaintenanceDialog {
     const form = h(
       "form",
       { onsubmit: (event) => this.#submit(event) },
-      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "Type"), kinds),
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "Type"), ...this.#kinds.values()),
       this.#inspection.element,
       h("div", { class: "fields" }, field(this.#time, `Time, ${zoneName()}`), field(this.#by, "Your name")),
       field(this.#comment, "Comment"),
@@ -81,8 +85,11 @@ export class MaintenanceDialog {
     );
   }
 
-  /** Shows the dialog, starting with the time of the displayed record. */
-  open(time) {
+  /** Shows the dialog, starting with the time of the displayed record; some kinds need gears. */
+  open(time, hasGears = true) {
+    for (const kind of OF_GEARS) this.#kinds.get(kind).hidden = !hasGears;
+    if (this.element.querySelector("[name=maintenance-kind]:checked").closest("label").hidden)
+      this.element.querySelector("label:not([hidden]) > [name=maintenance-kind]").click();
     this.#time.value = written(time ?? Date.now()).slice(0, 19);
     this.#by.value ||= storedName();
     this.#showStatus("", "");

@@ -64,7 +64,7 @@ export class MatchPage {
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
     if (latest instanceof Error) return this.#showNotice(latest.message);
     const id = this.#query.segment ?? latest.segment_id;
@@ -93,15 +93,16 @@ export class MatchPage {
 
   /** A record without a best state, with its largest deviations if known. */
   async #unmatched(segment, asset) {
+    const hasPair = Boolean(asset.gear?.pair);
     this.#showNotice(
-      `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
+      `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, hasPair, Boolean(asset.gear))}`,
     );
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;
     this.#data = { unmatched: segment, asset };
     if (novelty?.most?.length)
       await this.#novelty.show(
-        () => noveltyDrawing(novelty, this.#id),
+        () => noveltyDrawing(novelty, this.#id, hasPair),
         `${this.#id}-novelty-${segment.start_time}`,
         () => recordSubject(segment, asset),
       );

@@ -6,8 +6,8 @@ import { palette } from "./plots.js";
 
 const DB = 20 / Math.LN10;
 
-/** Draws the features that deviate most, in dB. */
-export function noveltyDrawing(novelty, revision) {
+/** Draws the features that deviate most, in dB: from the best wear state, or without a pair from the baseline. */
+export function noveltyDrawing(novelty, revision, hasPair) {
   const { most, p_value: probability, score } = novelty;
   const named = [unexplained(novelty), lastingWords(novelty)]
     .filter(Boolean)
@@ -38,17 +38,18 @@ export function noveltyDrawing(novelty, revision) {
       },
     ],
     legend: [],
+    title: hasPair ? "Largest deviations not explained by wear" : "Largest deviations from the baseline",
     table: () => [
       ["feature", most.map(({ feature }) => feature)],
       ["db", decibels],
       ["standard_deviations", most.map(({ deviations }) => deviations)],
     ],
-    sub: `Probability of such a record in the best state: ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "Possible causes: a bearing fault, a loose mount, a changed load."}`,
+    sub: `Probability of such a record ${hasPair ? "in the best state" : "in the baseline"}: ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "Possible causes: a bearing fault, a loose mount, a changed load."}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
     layout: {
       uirevision: revision,
       xaxis: {
-        title: { text: "Measured relative to expected amplitude (dB)" },
+        title: { text: `Measured relative to the ${hasPair ? "expected amplitude" : "baseline"} (dB)` },
         range: [Math.min(0, ...decibels) < 0 ? -reach : 0, Math.max(0, ...decibels) > 0 ? reach : 0],
         zeroline: true,
         zerolinecolor: colour.edge,

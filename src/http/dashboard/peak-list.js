@@ -2,7 +2,7 @@
 
 import { BaselineLines, levelWords } from "./baseline-lines.js";
 import { amplitudeAt, greatestPeaks } from "./fine-lines.js";
-import { decibels, number, unit } from "./format.js";
+import { decibels, decimals, figure, number, unit } from "./format.js";
 import { h, setChildren, setText } from "./dom.js";
 import { legend } from "./plots.js";
 import { change } from "./route.js";
@@ -145,9 +145,9 @@ export class PeakList {
             h("span", { class: "spoken" }, layer.name),
           ),
           [
-            number(hertzOf[row], 6),
-            number(orders[row], 5),
-            number(amplitudes[row], 4),
+            decimals(hertzOf[row], 2),
+            decimals(orders[row], 3),
+            figure(amplitudes[row]),
             layers.length > 1 && decibels(levels[row]),
             changes && levelWords(changes[row]),
           ]

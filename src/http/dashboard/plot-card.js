@@ -80,7 +80,7 @@ export class PlotCard {
   }
 
   /**
-   * Draws what `make` returns: `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`, or a
+   * Draws what `make` returns: `{ traces, layout, legend, title?, sub, summary, table?, isCompared?, lanes? }`, or a
    * text when there is nothing to draw; returns it. `make(true)` is called again for a picture, in the light
    * theme. `filename` is used for saved pictures and tables; `subject` returns the caption of a picture, `facts`
    * the lines before a table, each `[name, value]`, by default the caption.
@@ -105,6 +105,7 @@ export class PlotCard {
     this.#csv.hidden = !drawing.table;
     this.#save.hidden = false;
     this.element.toggleAttribute("data-compared", Boolean(drawing.isCompared));
+    this.plot.style.setProperty("--lanes", drawing.lanes ?? 1);
     this.plot.setAttribute("role", "img");
     this.plot.setAttribute("aria-label", drawing.summary);
     const { traces, layout, frame } = drawing;

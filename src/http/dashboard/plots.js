@@ -72,6 +72,8 @@ const axis = (colour) => ({
 /** A time axis. Plotly shows times as written, so `draw` converts them to the selected time zone. */
 export const timeAxis = () => ({
   type: "date",
+  tickangle: 0,
+  nticks: matchMedia("(max-width: 40rem)").matches ? 4 : 6,
   title: { text: `Start of record (${zoneName()})`, standoff: 8 },
   hoverformat: isLocal() ? "%Y-%m-%d %H:%M:%S" : "%Y-%m-%d %H:%M:%S UTC",
 });
@@ -150,6 +152,7 @@ function themed(layout, colour) {
     },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: colour.muted, activecolor: colour.accent },
     showlegend: false,
+    separators: ".\u202f", // thousands are set apart from 10 000, as in the texts
     // a drag on a touch screen scrolls the page
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
     ...layout,

@@ -34,7 +34,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const colour = palette();
   const { wear_um: x } = wear.posterior;
   const y = density(wear.posterior);
-  const { p05_um: low, p95_um: high, median_um: median } = wear;
+  const { low_um: low, high_um: high, median_um: median } = wear;
   const inside = x
     .map((value, index) => ({ value, y: y[index] }))
     .filter(({ value }) => value >= low && value <= high);
@@ -44,7 +44,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const top = heaped ? 1.6 * rest : 1.2 * Math.max(...y);
   const entries = [
     ["line", colour.accent, `median ${depth(median)} µm`],
-    ["band", colour.band, `5 to 95 %: ${depth(low)} to ${depth(high)} µm`],
+    ["band", colour.band, `90 %: ${depth(low)} to ${depth(high)} µm`],
   ];
   const shapes = [verticalLine(median, colour.accent, "solid", 2)];
   const annotations = heaped
@@ -98,7 +98,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
       ["probability", wear.posterior.probability],
     ],
     sub: `Probability density of the wear depth, given this record and all earlier ones.${wear.at_least_um != null ? ` The library ends at ${depth(x.at(-1))} µm; the wear may be deeper.` : ""}`,
-    summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
+    summary: `Posterior over wear depth: median ${depth(median)} µm, 90 % interval ${depth(low)} to ${depth(high)} µm.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",

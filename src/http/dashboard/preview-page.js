@@ -40,12 +40,17 @@ export class PreviewPage {
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    const same = JSON.stringify(asset.gear) === JSON.stringify(this.#asset?.gear);
+    const same = this.#asset && JSON.stringify(asset.gear) === JSON.stringify(this.#asset.gear);
     this.#asset = asset;
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     if (same) return;
-    if (asset.gear.pair) this.#panel.describe(asset.gear, 0, assetName(asset));
-    else this.#panel.lacking("This asset has no gear pair. Add one in its settings to preview its wear.");
+    if (asset.gear?.pair) this.#panel.describe(asset.gear, 0, assetName(asset));
+    else
+      this.#panel.lacking(
+        asset.gear
+          ? "This asset has no gear pair. Add one in its settings to preview its wear."
+          : "This machine has no gear mesh, so there is no wear to preview.",
+      );
   }
 
   /** Redraws in a changed theme. */

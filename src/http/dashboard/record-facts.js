@@ -21,8 +21,8 @@ export function recordWords(segment) {
 function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
   const value = indicators[name];
   if (value == null) return h("span", { class: "muted" }, absence(absent[name] ?? "absent"));
-  const words = BEARING_RATIO.test(name) ? "" : (UNITS[name] ?? unit(unitName));
-  return `${number(value)} ${words}`.trim();
+  if (BEARING_RATIO.test(name)) return `${number(value, 3)} ×`;
+  return `${number(value)} ${UNITS[name] ?? unit(unitName)}`.trim();
 }
 
 /** The ISO 20816 zone beside the velocity, if the asset has zones. */

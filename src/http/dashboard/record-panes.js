@@ -37,7 +37,14 @@ function waveform(id, query, signal, options) {
   return api.waveform(id, from, to, signal, options?.motion);
 }
 
-async function spectrum(id, query, signal, { points = POINTS } = {}) {
+/** Refuses what needs the shaft's angle of a record that has none; `noAngle()` gives the reason, or null. */
+async function requireAngle(what, noAngle) {
+  const reason = await noAngle?.();
+  if (reason) throw new api.ApiError(422, { detail: `No ${what}: ${reason}.` });
+}
+
+async function spectrum(id, query, signal, { points = POINTS, noAngle = undefined } = {}) {
+  if (query.axis === "orders") await requireAngle("spectrum over orders", noAngle);
   const ask = async (...range) =>
     query.axis === "orders"
       ? ofOrders(await api.orders(id, ...range, signal))
@@ -72,7 +79,8 @@ async function envelope(
 }
 
 /** The average of one gear; with both, that of the driven one is its `driven`. */
-async function turn(id, query, signal) {
+async function turn(id, query, signal, options) {
+  await requireAngle("average over one turn", options?.noAngle);
   const [first, driven] = await Promise.all(gearsIn(query).map((gear) => api.turn(id, gear, signal)));
   return driven ? { ...first, driven } : first;
 }
@@ -81,8 +89,6 @@ function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library")
     return "No posterior: this record is not explained by wear. See the page “Match” for the deviations.";
-  if (!asset.gear) return "No posterior: the machine has no gear mesh, so there is no wear to estimate.";
-  if (!asset.gear.pair) return "No posterior: this asset has no gear pair, so wear is not estimated.";
   if (!wear?.posterior)
     return wear?.reason ? ended(`No posterior: ${wear.reason}`) : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
@@ -108,9 +114,9 @@ export const PANES = [
     key: "spectrum",
     label: "Spectrum",
     fetch: spectrum,
-    draw: (layers, { view, revision }) =>
+    draw: (layers, { view, revision, asset }) =>
       layers[0].data.frequency_hz.length
-        ? spectrumDrawing(layers, view, revision)
+        ? spectrumDrawing(layers, { ...view, hasMesh: Boolean(asset.gear) }, revision)
         : "The record is too short for a spectrum.",
   },
   {
@@ -152,7 +158,7 @@ export function shownPanes(query) {
  * @param {string} id
  * @param {Record<string, string>} query
  * @param {AbortSignal} [signal]
- * @param {{ points?: number, band?: number[], envelopeOverOrders?: boolean }} [options] points of a spectrum, the band of the envelope
+ * @param {{ points?: number, band?: number[], envelopeOverOrders?: boolean, noAngle?: () => Promise<string | null> }} [options] points of a spectrum, the band of the envelope, and why the record has no shaft angle
  * @returns {Promise<Record<string, any>>}
  */
 export async function fetchPanes(id, query, signal, options) {

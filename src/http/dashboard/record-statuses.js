@@ -6,7 +6,7 @@ import { depth } from "./format.js";
 export const STATUSES = {
   estimated: ["Estimated", "a depth with its interval"],
   collecting_baseline: ["Collecting baseline", "the record is part of the healthy baseline"],
-  no_library: ["No library", "no gear pair is defined, so there is no library to compare with"],
+  no_library: ["No gear pair", "no gear pair is defined, so wear is not estimated"],
   no_mesh: ["Like the baseline", "the machine has no gear mesh; the record matches the baseline"],
   speed_in_doubt: ["Speed in doubt", "the lines do not fit the configured teeth and speed"],
   awaiting_library: ["Awaiting library", "the library is still being simulated"],
@@ -25,7 +25,7 @@ export const STATUSES = {
 };
 
 /** A record's status, or its wear depth if there is one. */
-export function statusWords({ status, median_um: median, p05_um: low, p95_um: high }) {
+export function statusWords({ status, median_um: median, low_um: low, high_um: high }) {
   const word = STATUSES[status]?.[0] ?? status.replaceAll("_", " ");
   return status === "estimated" && median != null
     ? `${depth(median)} µm (${depth(low)} to ${depth(high)})`

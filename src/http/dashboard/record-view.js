@@ -116,7 +116,8 @@ export class RecordView {
       this.#bearing.element,
     );
     const shown = shownPanes(parse(location.hash).query);
-    for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key);
+    // until the asset is known to have a gear pair, there is no posterior
+    for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key) || key === "posterior";
     this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
   }
 
@@ -161,11 +162,13 @@ export class RecordView {
   /** Shows a record: `segment`, `pinned` and the values of `panes` and `others` are answers or errors. */
   async show({ segment, pinned, panes, others }, asset, query) {
     this.#query = query;
-    const keys = shownPanes(query);
+    const hasPair = Boolean(asset.gear?.pair);
+    const keys = shownPanes(query).filter((key) => key !== "posterior" || hasPair);
+    this.#chips.get("posterior").hidden = !hasPair;
     this.#near.value = query.near === "1" ? "1" : "";
     this.#gear.show(query, asset.gear?.teeth, Boolean(asset.gear));
     const view = {
-      ...this.#tools.update(panes.spectrum, query, firstBearing(asset)),
+      ...this.#tools.update(panes.spectrum, query, firstBearing(asset), Boolean(asset.gear)),
       near: query.near === "1",
       part: partOf(query.band),
       envelopePart: partOf(query.eband),

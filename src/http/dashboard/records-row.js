@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { h } from "./dom.js";
-import { clock, hertz, number, speedDoubt, speedSource, unit } from "./format.js";
+import { clock, figure, hertz, number, speedDoubt, speedSource, unit } from "./format.js";
 import { statusMeaning, statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 
@@ -35,7 +35,7 @@ function part({ excluded, wear }) {
 }
 
 /** The row of a record; `onToggle(checked, withShift)` is called when its selection changes. */
-export function recordRow(record, selected, onToggle) {
+export function recordRow(record, onToggle) {
   const {
     id,
     asset_id: asset,
@@ -54,7 +54,6 @@ export function recordRow(record, selected, onToggle) {
     "aria-label": `Select the record of ${time}, channel ${channel}`,
     onclick: (event) => onToggle(event.target.checked, event.shiftKey),
   });
-  box.checked = selected;
   const cell = (label, ...children) => h("td", { "data-label": label }, ...children);
   return h(
     "tr",
@@ -71,12 +70,12 @@ export function recordRow(record, selected, onToggle) {
     cell(
       HEADINGS[4],
       speed
-        ? [h("span", { title: speedSource(speed) }, hertz(speed.shaft_speed_hz)), remark(speed)]
+        ? [h("span", { title: speedSource(speed) }, `${figure(speed.shaft_speed_hz)} Hz`), remark(speed)]
         : h("span", { class: "muted" }, "not found"),
     ),
     cell(
       HEADINGS[5],
-      indicators?.rms == null ? "–" : `${number(indicators.rms)} ${unit(record.unit)}`.trim(),
+      indicators?.rms == null ? "–" : `${figure(indicators.rms)} ${unit(record.unit)}`.trim(),
     ),
     cell(
       HEADINGS[6],

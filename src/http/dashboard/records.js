@@ -2,9 +2,10 @@
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
-import { focusedIn, h, setChildren, setText } from "./dom.js";
+import { h, setChildren, setOptions, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { count } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 import { STATUSES } from "./record-statuses.js";
 import { RecordActions } from "./records-actions.js";
 import { HEADINGS, recordRow } from "./records-row.js";
@@ -29,7 +30,7 @@ export class RecordsPage {
   #before = []; // the cursors of the previous pages
   #selected = new Map(); // id → record, across pages
   #all = false;
-  #last = null; // the row clicked last, for selection with Shift
+  #last = null; // the record clicked last, for selection with Shift
   #channel = h("select", {
     id: "records-channel",
     onchange: () => this.#filter({ channel: this.#channel.value }),
@@ -65,6 +66,11 @@ export class RecordsPage {
     onclick: () => this.#pickPage(this.#page.checked),
   });
   #body = h("tbody");
+  #rows = new KeyedRows(
+    this.#body,
+    ({ id }) => id,
+    (record) => recordRow(record, (checked, shift) => this.#pick(record.id, checked, shift)),
+  );
   #table = h(
     "table",
     { class: "record-table", hidden: true },
@@ -175,7 +181,7 @@ export class RecordsPage {
     const asked = JSON.stringify([parameters, order, cursor]);
     if (page === this.#shown && asked === this.#asked) return;
     [this.#shown, this.#asked] = [page, asked];
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     this.#fillFilters(asset.summary.channels);
     if (page instanceof Error || known instanceof Error)
       return this.#refuse(page instanceof Error ? page : known);
@@ -186,15 +192,15 @@ export class RecordsPage {
 
   #fillFilters(channels) {
     const { channel = "", status = "", from, to, order = "" } = this.#query;
-    setChildren(
-      this.#channel,
-      h("option", { value: "" }, "All"),
-      channels.map((name) => h("option", { value: name }, name)),
-    );
+    setOptions(this.#channel, [["", "All"], ...channels.map((name) => [name, name])]);
     this.#channel.value = channel;
     this.#status.value = status;
     this.#order.value = order === "desc" ? "" : order;
-    [this.#from.value, this.#to.value] = [typed(from), typed(to)];
+    for (const [input, time] of [
+      [this.#from, from],
+      [this.#to, to],
+    ])
+      if (document.activeElement !== input) input.value = typed(time); // it would erase a time that is half typed
     this.#export.href = api.address(["assets", this.#id, "export"], { channel, from, to });
   }
 
@@ -223,33 +229,21 @@ export class RecordsPage {
       this.#notice,
       Object.values(this.#parameters()).some(Boolean) ? "No records match these filters." : "No records yet.",
     );
-    const focused = focusedIn("[data-record]", "record");
-    const kind = document.activeElement?.tagName;
-    const rows = this.#items.map((record, place) =>
-      recordRow(record, this.#all || this.#selected.has(record.id), (checked, shift) =>
-        this.#pick(place, checked, shift),
-      ),
-    );
-    setChildren(this.#body, rows);
-    if (focused)
-      rows
-        .find((row) => row.dataset.record === focused)
-        ?.querySelector(kind === "A" ? "a" : "input")
-        .focus();
-    this.#showSelection();
+    this.#rows.show(this.#items);
+    this.#mark();
   }
 
-  #pick(place, checked, shift) {
+  #pick(id, checked, shift) {
     if (this.#all) this.#clear();
-    const [low, high] =
-      shift && this.#last !== null
-        ? [Math.min(this.#last, place), Math.max(this.#last, place)]
-        : [place, place];
+    const placeOf = (record) => this.#items.findIndex((item) => item.id === record);
+    const place = placeOf(id);
+    const last = shift ? placeOf(this.#last) : -1;
+    const [low, high] = last < 0 ? [place, place] : [Math.min(last, place), Math.max(last, place)];
     for (const record of this.#items.slice(low, high + 1)) {
       if (checked) this.#selected.set(record.id, record);
       else this.#selected.delete(record.id);
     }
-    this.#last = place;
+    this.#last = id;
     this.#mark();
   }
 

@@ -3,6 +3,7 @@
 import { ApiError, replayFiles, replays, startReplay, stopReplay } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { bytes, count, number } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 
 const PACES = [
   ["max", "as fast as possible"],
@@ -24,21 +25,30 @@ export class ReplayPanel {
     h("span", {}, "Name in the replay folder"),
     this.#name,
   );
-  #empty = h("p", { class: "muted", hidden: true }, "The replay folder contains no recordings.");
+  #form;
+  #empty = h(
+    "p",
+    { class: "muted", hidden: true },
+    "The replay folder contains no recordings. It is the folder “recordings” in the data folder of the service, or the one set with --replay-dir.",
+  );
   #pace = h(
     "select",
     { id: "replay-pace" },
     PACES.map(([value, label]) => h("option", { value }, label)),
   );
-  #startButton = h("button", { type: "submit" }, "Start replay");
   #error = h("p", { class: "result", "data-kind": "bad", role: "status", hidden: true });
   #list = h("ul", { class: "replays" });
+  #rows = new KeyedRows(
+    this.#list,
+    ({ id }) => id,
+    (replay) => this.#item(replay),
+  );
   #shown;
   element;
 
   constructor(assetId) {
     this.#assetId = assetId;
-    const form = h(
+    this.#form = h(
       "form",
       { class: "fields", onsubmit: (event) => this.#start(event) },
       h(
@@ -49,13 +59,13 @@ export class ReplayPanel {
       ),
       this.#named,
       h("label", { class: "field", for: "replay-pace" }, h("span", {}, "Pace"), this.#pace),
-      this.#startButton,
+      h("button", { type: "submit" }, "Start replay"),
     );
     this.element = h(
       "section",
       {},
       h("h3", {}, "Replay a recording on the server"),
-      form,
+      this.#form,
       this.#empty,
       this.#error,
       this.#list,
@@ -70,7 +80,7 @@ export class ReplayPanel {
     const isWhole = answer && items.length < MOST;
     const chosen = this.#file.value;
     this.#empty.hidden = !answer || items.length > 0;
-    this.#file.disabled = this.#startButton.disabled = isWhole && items.length === 0;
+    this.#form.hidden = isWhole && items.length === 0;
     setChildren(
       this.#file,
       items.map(({ file, bytes: size }) => h("option", { value: file }, `${file}, ${bytes(size)}`)),
@@ -115,10 +125,7 @@ export class ReplayPanel {
     if (answer === this.#shown) return;
     this.#shown = answer;
     const own = answer.items.filter((replay) => replay.asset === this.#assetId).reverse();
-    setChildren(
-      this.#list,
-      own.map((replay) => this.#item(replay)),
-    );
+    this.#rows.show(own);
   }
 
   #item(replay) {

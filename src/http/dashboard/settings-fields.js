@@ -1,7 +1,8 @@
 // The fields of an asset's settings: path in the description, label, and unit.
 
 /**
- * Groups of fields, `{ path, label, unit?, kind?, hint? }` each; numbers in a path are list indices.
+ * Groups of fields, `{ path, label, unit?, kind?, hint?, factor? }` each; numbers in a path are list indices,
+ * `factor` converts the entered unit to the description's.
  * @type {any[]}
  */
 export const GROUPS = [
@@ -55,8 +56,9 @@ export const GROUPS = [
       { path: "gear.teeth.1", label: "Teeth, driven", kind: "integer", alike: "gear.pair.geometry.teeth.1" },
       {
         path: "gear.shaft_speed_hz",
-        label: "Nominal speed of the driving shaft",
-        unit: "Hz",
+        label: "Driving shaft speed",
+        unit: "rpm",
+        factor: 1 / 60,
         alike: "gear.pair.operation.shaft_speed_hz",
       },
       {
@@ -71,7 +73,7 @@ export const GROUPS = [
         kind: "integer",
         hint: "1",
       },
-      { path: "gear.speed_tolerance", label: "Speed search range ±", unit: "of nominal" },
+      { path: "gear.speed_tolerance", label: "Speed search range ±", unit: "%", factor: 0.01 },
       { path: "gear.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
     ],
   },
@@ -79,9 +81,15 @@ export const GROUPS = [
     title: "Shaft",
     shaft: true,
     fields: [
-      { path: "shaft.speed_hz", label: "Nominal speed", unit: "Hz", hint: "from the records" },
-      { path: "shaft.speed_tolerance", label: "Speed search range ±", unit: "of nominal" },
-      { path: "shaft.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
+      {
+        path: "shaft.speed_hz",
+        label: "Nominal shaft speed",
+        unit: "rpm",
+        factor: 1 / 60,
+        hint: "from the records",
+      },
+      { path: "shaft.speed_tolerance", label: "Shaft speed search range ±", unit: "%", factor: 0.01 },
+      { path: "shaft.speed_is_exact", label: "Nominal shaft speed is exact", kind: "check" },
     ],
   },
   {
@@ -110,6 +118,9 @@ export const GROUPS = [
     ],
   },
 ];
+
+/** Removes the rounding noise of a unit factor from a number. */
+export const tidy = (value) => Number(value.toPrecision(12));
 
 /** The value at a path of an object; undefined when missing. */
 export function valueAt(object, path) {

@@ -1,7 +1,7 @@
 // Lists in an asset's settings: alarm rules and operating bins, one row of fields per entry.
 
 import { reading, quantityWords } from "./alarm-words.js";
-import { h } from "./dom.js";
+import { h, setChildren } from "./dom.js";
 import { Rows } from "./setting-rows.js";
 
 const number = (text) => (text.trim() === "" ? undefined : Number(text));
@@ -144,6 +144,7 @@ const levels = (rule) =>
 export class SettingLists {
   #own = h("input", { type: "checkbox", id: "setting-own-rules", onchange: () => this.#ownChanged() });
   #words = h("p", { class: "muted" });
+  #defaults = h("ul", { class: "muted default-rules" });
   #rules = new Rows("rule", RULE, ruleOf, { quantity: "indicator" });
   #bins = new Rows("operating bin", BIN, binOf, {});
   #inForce = [];
@@ -154,6 +155,7 @@ export class SettingLists {
       h("legend", {}, "Alarms"),
       h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Custom rules"),
       this.#words,
+      this.#defaults,
       this.#rules.element,
     ),
     h(
@@ -186,10 +188,14 @@ export class SettingLists {
 
   #show() {
     this.#rules.element.hidden = !this.#own.checked;
-    const rules = this.#inForce.map((rule) => `${quantityWords(rule.quantity)}: ${levels(rule)}`).join("; ");
+    this.#defaults.hidden = this.#own.checked;
+    setChildren(
+      this.#defaults,
+      this.#inForce.map((rule) => h("li", {}, `${quantityWords(rule.quantity)}: ${levels(rule)}`)),
+    );
     this.#words.textContent = this.#own.checked
       ? "Levels and hysteresis in the unit of the quantity."
-      : `By default, rules follow from the wear limits${rules ? `. ${rules}.` : "; there are none."}`;
+      : `By default, rules follow from the description${this.#inForce.length ? ":" : "; there are none."}`;
   }
 
   /** Shows an error of the lists at its row; returns the input with the error, or null for another error. */

@@ -6,7 +6,7 @@ import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { SettingLists } from "./settings-lists.js";
-import { GROUPS, putAt, valueAt } from "./settings-fields.js";
+import { GROUPS, putAt, tidy, valueAt } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // sent with an asset, but not part of its description
@@ -47,7 +47,7 @@ export class SettingsPage {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
     this.#asset = asset;
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     this.#build();
     this.#fill();
   }
@@ -135,7 +135,7 @@ export class SettingsPage {
     for (const [path, { field, input }] of this.#inputs) {
       const value = valueAt(this.#asset, path);
       if (field.kind === "check") input.checked = Boolean(value);
-      else input.value = value ?? "";
+      else input.value = typeof value === "number" ? tidy(value / (field.factor ?? 1)) : (value ?? "");
     }
     this.#clearErrors();
     this.#lists.fill(this.#asset);
@@ -149,10 +149,10 @@ export class SettingsPage {
     const spec = structuredClone(this.#asset);
     for (const name of FROM_SERVER) delete spec[name];
     for (const [path, { field, input }] of this.#inputs) {
-      const { kind = "number", alike } = field;
+      const { kind = "number", alike, factor = 1 } = field;
       const text = input.value.trim();
-      const value =
-        kind === "check" ? input.checked : text === "" ? undefined : kind === "text" ? text : Number(text);
+      const entered = () => (kind === "text" ? text : tidy(Number(text) * factor));
+      const value = kind === "check" ? input.checked : text === "" ? undefined : entered();
       if (value === undefined && valueAt(spec, path) === undefined) continue;
       putAt(spec, path, value);
       if (alike && spec.gear?.pair) putAt(spec, alike, value);
@@ -173,7 +173,7 @@ export class SettingsPage {
     try {
       this.#asset = await api.replaceAsset(this.#id, this.#description());
       this.#fill();
-      this.#frame.update(assetName(this.#asset), this.#query);
+      this.#frame.update(assetName(this.#asset), this.#query, this.#asset);
       this.#showNotice("good", "Saved.");
     } catch (error) {
       this.#refuse(error);

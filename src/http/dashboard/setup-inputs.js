@@ -1,15 +1,12 @@
 // The inputs of the asset form: converts between inputs and description, and shows errors at the fields.
 
 import { h, setText } from "./dom.js";
-import { putAt, valueAt } from "./settings-fields.js";
+import { putAt, tidy, valueAt } from "./settings-fields.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
 /** The path of a list's entry. */
 const LISTED = /^(points|bearings|bands|gear\.other_meshes)\.\d+/;
-
-/** Removes the rounding noise of a unit factor from a number. */
-const tidy = (value) => Number(value.toPrecision(12));
 
 /** One field with label, input and error message. */
 class FieldInput {

@@ -3,29 +3,20 @@
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
-import { PairDrawing } from "./preview-drawing.js";
 import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
 import { SETUP_GROUPS } from "./setup-fields.js";
+import { PairGeometry } from "./setup-geometry.js";
 import { SetupInputs } from "./setup-inputs.js";
+import { JsonPart } from "./setup-json.js";
 import { SetupDraft } from "./setup-draft.js";
 import { SetupLists, withoutGaps } from "./setup-lists.js";
-import { showMeasures } from "./setup-measures.js";
+import { PairChoice } from "./setup-pair.js";
+import { requiredWords, typedRefusals } from "./setup-refusals.js";
 import { SettingLists } from "./settings-lists.js";
 
 const TYPED_MS = 250; // ms without typing before a preview is requested
 const FROM_SERVER = ["summary", "created_at", "updated_at"];
-const NUMBERS = "numbers";
-const NONE = "none";
-const NO_GEARS = "no-gears";
-
-/** The fields without which an asset cannot be created; those of the pair can be done without. */
-function requiredWords(lacking) {
-  const words = `Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`;
-  return lacking.every(({ ofPair }) => ofPair)
-    ? `${words} Without them, choose “None: indicators only” as the gear pair: everything but the wear in µm is computed.`
-    : words;
-}
 
 /** Derives an id from a name. */
 const slug = (name) =>
@@ -36,57 +27,23 @@ const slug = (name) =>
     .replaceAll(/^[-_]+|-+$/g, "")
     .slice(0, 64);
 
-/** Errors that the page can detect by itself. */
-function typedRefusals({ id, limits, points, velocity_zones: zones }) {
-  const refusals = [];
-  if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id))
-    refusals.push({
-      field: "id",
-      value: id,
-      expected: "1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit",
-    });
-  if (limits?.warning_um > limits?.danger_um)
-    refusals.push({
-      field: "limits.warning_um",
-      value: limits.warning_um,
-      expected: "a depth at or below the danger limit",
-    });
-  if (zones?.machine_class && zones.limits_mm_per_s)
-    refusals.push({
-      field: "velocity_zones.limits_mm_per_s",
-      expected: "no custom limits together with a machine class",
-    });
-  for (const [n, point] of (points ?? []).entries())
-    if (!point?.channel)
-      refusals.push({ field: `points.${n}.channel`, expected: "a name, as its sensor has data" });
-  return refusals;
-}
-
 /** The page at `#/new`; `copy` or `edit` in its address names an asset. */
 export class SetupPage {
   #query;
   #inputs = new SetupInputs();
   #lists = new SetupLists(this.#inputs, () => this.#check(TYPED_MS));
   #rules = new SettingLists();
-  #presets = [];
   #asked = false;
+  #isTouched = false;
   #idTyped = false;
   /** Errors by source: the page, the latest preview, the latest attempt to save. */
   #refusals = { typed: [], previewed: [], saved: [] };
   #title = h("h1", {}, "New asset");
-  #pair = h("select", { id: "setup-pair", onchange: () => this.#choosePair() });
-  #json = h("textarea", {
-    id: "setup-json",
-    rows: "7",
-    spellcheck: "false",
-    "aria-describedby": "setup-json-error",
-  });
-  #jsonError = h("span", { class: "field-error", id: "setup-json-error", hidden: true });
+  #pair = new PairChoice(() => this.#choosePair());
+  #json = new JsonPart();
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Create asset");
-  #drawing = new PairDrawing();
-  #measures = h("ul", { class: "measures", "aria-label": "Pair geometry" });
-  #faults = h("ul", { class: "setup-faults", role: "status" });
+  #geometry = new PairGeometry();
   #panel = new PreviewPanel({
     onPreview: (preview) => this.#previewed(preview),
     onError: (error) => this.#refused(error),
@@ -111,7 +68,7 @@ export class SetupPage {
         h("summary", {}, "Alarm rules and operating bins"),
         h("div", { class: "setup-rules" }, this.#rules.elements),
       ),
-      this.#jsonEditor(),
+      this.#json.element,
       this.#result,
       h(
         "div",
@@ -122,18 +79,6 @@ export class SetupPage {
     );
     this.#draft = new SetupDraft(this.#form, () => this.#empty());
     this.#form.prepend(this.#draft.element);
-    const side = h(
-      "aside",
-      { class: "setup-side" },
-      h(
-        "section",
-        { class: "card" },
-        h("h2", {}, "Gear pair to scale"),
-        this.#drawing.element,
-        this.#faults,
-        this.#measures,
-      ),
-    );
     const title = h(
       "header",
       { class: "asset-header" },
@@ -148,14 +93,20 @@ export class SetupPage {
     setChildren(
       root,
       title,
-      h("div", { class: "settings-grid setup-grid" }, this.#form, side),
+      h(
+        "div",
+        { class: "settings-grid setup-grid" },
+        this.#form,
+        h("aside", { class: "setup-side" }, this.#geometry.element),
+      ),
       h("h2", { class: "preview-title" }, "Wear preview"),
       this.#panel.element,
     );
-    this.#fillChoices();
     this.#rules.fill({});
     this.#check(0);
     this.#name();
+    // before anything can be entered; the chosen preset once the presets are there
+    if (this.#isNew) this.#restore();
   }
 
   #wayBack() {
@@ -178,14 +129,6 @@ export class SetupPage {
         { class: "form-fields" },
         list.map((field) => this.#inputs.make(field)),
       );
-    const choice =
-      pairChoice &&
-      h(
-        "label",
-        { class: "field setup-choice", for: "setup-pair" },
-        h("span", {}, "Gear pair, for wear in µm"),
-        this.#pair,
-      );
     const folded = [more, rare]
       .filter(Boolean)
       .map((part) => h("details", { class: "setup-more" }, h("summary", {}, part.title), box(part.fields)));
@@ -193,35 +136,10 @@ export class SetupPage {
       "fieldset",
       { class: "card" },
       h("legend", {}, title),
-      choice,
+      pairChoice && this.#pair.element,
       box(fields),
       folded,
       this.#lists.of(title),
-    );
-  }
-
-  #jsonEditor() {
-    const words =
-      "Anything without a field above, as API JSON, such as a measured wear profile. Fields above take precedence.";
-    return h(
-      "details",
-      { class: "card setup-more" },
-      h("summary", {}, "All other fields as JSON"),
-      h("label", { class: "field", for: "setup-json" }, h("span", {}, words), this.#json),
-      this.#jsonError,
-    );
-  }
-
-  #fillChoices() {
-    const options = [
-      [NUMBERS, "Enter data"],
-      ...this.#presets.map(({ name, pair }) => [name, `Start from: ${pair.name || name}`]),
-      [NONE, "None: indicators only"],
-      [NO_GEARS, "No gears: shaft and bearings only"],
-    ];
-    setChildren(
-      this.#pair,
-      options.map(([value, words]) => h("option", { value }, words)),
     );
   }
 
@@ -234,13 +152,10 @@ export class SetupPage {
       id ? api.answer(api.asset(id, signal)) : null,
     ]);
     this.#asked = true;
-    if (!(presets instanceof Error)) this.#presets = presets.items;
-    const chosen = this.#pair.value;
-    this.#fillChoices();
-    this.#pair.value = chosen;
+    if (!(presets instanceof Error)) this.#pair.offer(presets.items);
     if (asset instanceof Error) return this.#showNotice("bad", `${asset.message}.`);
     if (asset) this.#begin(asset);
-    else this.#restore();
+    else if (!this.#isTouched) this.#restore();
   }
 
   /** Whether the form describes a new asset from nothing. */
@@ -265,7 +180,7 @@ export class SetupPage {
       if (asset.name) description.name = `${asset.name}, copy`;
     }
     this.#idTyped = true;
-    this.#pair.value = description.gear?.pair ? NUMBERS : description.gear ? NONE : NO_GEARS;
+    this.#pair.showKind(description);
     this.#fill(description);
     this.#inputs.get("id").input.readOnly = Boolean(this.#query.edit);
     this.#check(0);
@@ -276,22 +191,11 @@ export class SetupPage {
     this.#rules.fill({ alarms, operating_bins: bins });
     this.#lists.resize(others);
     const rest = this.#inputs.fill(others);
-    this.#json.value = rest ? JSON.stringify(rest, null, 2) : "";
-    this.#json.closest("details").open = false;
-  }
-
-  get #withPair() {
-    return this.#shape.pair;
-  }
-
-  /** Whether the machine has gears, and whether their pair is described. */
-  get #shape() {
-    const mesh = this.#pair.value !== NO_GEARS;
-    return { mesh, pair: mesh && this.#pair.value !== NONE };
+    this.#json.write(rest);
   }
 
   #choosePair() {
-    const preset = this.#presets.find(({ name }) => name === this.#pair.value);
+    const { preset } = this.#pair;
     if (preset) {
       const { pair } = structuredClone(preset);
       const before = this.#description() ?? {};
@@ -309,25 +213,6 @@ export class SetupPage {
     this.#keepDraft();
   }
 
-  /** The content of the JSON editor; null when it is invalid. */
-  #rest() {
-    const text = this.#json.value.trim();
-    let words = "";
-    let rest = {};
-    try {
-      rest = text ? JSON.parse(text) : {};
-      if (typeof rest !== "object" || Array.isArray(rest) || rest === null)
-        words = "expected an object in braces";
-    } catch (error) {
-      words = error.message;
-    }
-    this.#jsonError.hidden = !words;
-    setText(this.#jsonError, words && `Other fields as JSON: ${words}`);
-    this.#json.toggleAttribute("aria-invalid", false);
-    if (words) this.#json.setAttribute("aria-invalid", "true");
-    return words ? null : rest;
-  }
-
   /** The current description; null when the JSON is invalid. */
   #description() {
     const spec = this.#entered();
@@ -336,9 +221,9 @@ export class SetupPage {
 
   /** The same with the empty entries of lists. */
   #entered() {
-    const rest = this.#rest();
+    const rest = this.#json.read();
     if (!rest) return null;
-    const spec = this.#inputs.description(rest, this.#shape);
+    const spec = this.#inputs.description(rest, this.#pair.shape);
     const { alarms, operating_bins: bins } = rest;
     this.#rules.put(spec);
     // those of the JSON, unless the form has some
@@ -348,7 +233,7 @@ export class SetupPage {
   }
 
   #typed({ target }) {
-    if (target === this.#pair) return;
+    if (target === this.#pair.input) return;
     const [name, id] = [this.#inputs.get("name").input, this.#inputs.get("id").input];
     if (target === id) this.#idTyped = id.value !== "";
     if (target === name && !this.#idTyped) id.value = slug(name.value);
@@ -358,6 +243,7 @@ export class SetupPage {
   }
 
   #keepDraft() {
+    this.#isTouched = true;
     const spec = this.#isNew && this.#entered();
     if (spec) this.#draft.keep(spec);
   }
@@ -366,21 +252,24 @@ export class SetupPage {
   #check(wait) {
     this.#refusals.saved = [];
     this.#showNotice("", "");
-    this.#inputs.show(this.#shape);
-    this.#lists.show(this.#shape);
+    this.#inputs.show(this.#pair.shape);
+    this.#lists.show(this.#pair.shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
       folded.hidden = [...folded.querySelectorAll(".setup-field")].every(({ hidden }) => hidden);
     const spec = this.#description();
-    this.#refusals.typed = [...(spec ? typedRefusals(spec) : []), ...this.#inputs.incomplete(this.#shape)];
+    this.#refusals.typed = [
+      ...(spec ? typedRefusals(spec) : []),
+      ...this.#inputs.incomplete(this.#pair.shape),
+    ];
     this.#showRefusals();
     if (!spec) return;
-    if (!this.#withPair)
+    if (!this.#pair.shape.pair)
       return this.#blank(
-        this.#shape.mesh
+        this.#pair.shape.mesh
           ? "No preview without a gear pair: indicators are computed, but wear is not estimated."
           : "No preview without gears: records are judged by their indicators and novelty.",
       );
-    const lacking = this.#inputs.lacking(this.#shape).filter(({ path }) => path !== "id");
+    const lacking = this.#inputs.lacking(this.#pair.shape).filter(({ path }) => path !== "id");
     if (lacking.length) return this.#blank(requiredWords(lacking));
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
@@ -388,27 +277,20 @@ export class SetupPage {
   #blank(words) {
     this.#refusals.previewed = [];
     this.#showRefusals();
-    this.#drawing.showNotice(words);
+    this.#geometry.showNotice(words);
     this.#panel.lacking(
-      this.#withPair
+      this.#pair.shape.pair
         ? "Enter the gear pair to preview its wear, or start from one of the pairs above."
         : words,
     );
-    setChildren(this.#measures);
-    setChildren(this.#faults);
   }
 
   #previewed({ refusals, geometry }) {
     const own = refusals.filter(({ field }) => !["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
     this.#refusals.previewed = own;
     const placed = this.#showRefusals();
-    setChildren(
-      this.#faults,
-      own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)),
-    );
-    if (geometry) this.#drawing.show(geometry);
-    else this.#drawing.showNotice("These values do not define drawable gears.");
-    showMeasures(this.#measures, geometry?.measures ?? []);
+    const unplaced = own.filter((refusal) => !placed.has(refusal));
+    this.#geometry.show(geometry, unplaced);
   }
 
   #refused({ problem, message }) {
@@ -431,7 +313,7 @@ export class SetupPage {
   async #submit(event) {
     event.preventDefault();
     const spec = this.#description();
-    const lacking = this.#inputs.lacking(this.#shape);
+    const lacking = this.#inputs.lacking(this.#pair.shape);
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {
@@ -469,7 +351,7 @@ export class SetupPage {
   update({ query }) {
     if (query.copy === this.#query.copy && query.edit === this.#query.edit) return false;
     this.#query = query;
-    this.#asked = false;
+    this.#asked = this.#isTouched = false;
     this.#draft.element.hidden = true;
     this.#empty();
     this.#inputs.get("id").input.readOnly = false;
@@ -479,7 +361,7 @@ export class SetupPage {
 
   #empty() {
     this.#fill({});
-    this.#pair.value = NUMBERS;
+    this.#pair.reset();
     this.#idTyped = false;
     this.#check(0);
   }

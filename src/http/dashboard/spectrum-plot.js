@@ -164,6 +164,25 @@ function label({ frequency_hz: x, amplitude, label: text }, colour, scale) {
   };
 }
 
+const NUMBER = 0.035; // width of a number as a fraction of the plot
+const NARROW_NUMBER = 0.1;
+const isNarrow = () => matchMedia("(max-width: 40rem)").matches;
+
+/**
+ * The points whose numbers do not touch the one before.
+ * @param {any[]} points
+ * @param {number[]} range
+ */
+function apart(points, [from, to]) {
+  const width = (isNarrow() ? NARROW_NUMBER : NUMBER) * (to - from);
+  let last = -Infinity;
+  return points.filter(({ frequency_hz: x }) => {
+    const fits = x - last >= width;
+    if (fits) last = x;
+    return fits;
+  });
+}
+
 /** A zoom range: the whole spectrum or the surroundings of a mesh line. */
 export function zoomRange(spectrum, choice) {
   const order = Number(choice);
@@ -207,9 +226,13 @@ const endOf = (layers) => Math.max(...layers.map(({ data }) => data.frequency_hz
  * Draws the amplitude spectra of records; lines are marked in the first one. `zoom` is "" or the order of a
  * mesh line, `part` the dragged-out range or null, `note` additional text.
  * @param {import("./layers.js").Layer[]} layers
- * @param {{ scale: string, sidebands?: boolean, zoom?: string, part: number[] | null, note?: string }} view
+ * @param {{ scale: string, sidebands?: boolean, zoom?: string, part: number[] | null, note?: string, hasMesh?: boolean }} view
  */
-export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "" }, revision) {
+export function spectrumDrawing(
+  layers,
+  { scale, sidebands, zoom, part, note = "", hasMesh = true },
+  revision,
+) {
   const colour = palette();
   const [{ data: spectrum }, ...others] = layers;
   const axis = axisOf(spectrum);
@@ -224,11 +247,9 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
   const shapes = harmonics.map(({ frequency_hz: frequency }) =>
     verticalLine(frequency, colour.reference, "dot"),
   );
-  // on a narrow screen only every second label fits
-  const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
-  const annotations = points
-    .filter((_, index) => !crowded || index % 2 === 0)
-    .map((point) => label(point, colour, scale));
+  const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
+  /** @type {any[]} */
+  const annotations = apart(points, range).map((point) => label(point, colour, scale));
   const entries = points.length
     ? [["diamond", colour.reference, `mesh harmonics of ${axis.format(mesh)}`]]
     : [];
@@ -238,10 +259,10 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
     annotations.push(...lines.annotations);
     entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.format(shaft)} shaft speed`]);
   }
-  const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
   entries.unshift(...recordEntries(layers));
-  const none = mesh ? "" : "The shaft speed of this record is unknown, so mesh lines are not marked. ";
+  const none =
+    mesh || !hasMesh ? "" : "The shaft speed of this record is unknown, so mesh lines are not marked. ";
   return {
     traces: [line(layers[0], scale), marks(points, colour, scale)],
     others: others.map((layer) => line(layer, scale)),
@@ -258,7 +279,6 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
         range,
         uirevision: axisRevision,
         exponentformat: "none",
-        separatethousands: true,
       },
       yaxis: axisOfAmplitudes(layers, range, scale, axisRevision),
       shapes,
@@ -298,19 +318,20 @@ function knownLines(shaft, teeth, bearings) {
   const lines = [];
   const driven = teeth ? (shaft * teeth[0]) / teeth[1] : shaft;
   if (Math.abs(driven / shaft - 1) > 0.02)
-    lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
+    lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft", kind: "shafts" });
   for (let k = 1; k <= 5; k++)
     lines.push({
       frequency_hz: k * shaft,
       label: k === 1 ? "shaft 1×" : `${k}×`,
       name: `${teeth ? "driving shaft" : "shaft"} ${k}×`,
+      kind: "shafts",
     });
   for (let k = 1; teeth && k <= ENVELOPE_MESH_LINES; k++)
     lines.push({
       frequency_hz: k * shaft * teeth[0],
       label: `mesh ${k}×`,
       name: `mesh ${k}×`,
-      isNamed: true,
+      kind: "mesh",
     });
   for (const [bearing, orders] of Object.entries(bearings))
     for (const line of BEARING_LINES)
@@ -318,9 +339,33 @@ function knownLines(shaft, teeth, bearings) {
         frequency_hz: orders[line] * shaft,
         label: line.toUpperCase(),
         name: `${line.toUpperCase()} of bearing ${bearing}`,
-        isNamed: true,
+        kind: "bearings",
       });
   return lines;
+}
+
+const LABEL = 0.055; // width of a label as a fraction of the plot
+const NARROW_LABEL = 0.13;
+
+/** One label for each group of lines that are closer than a label is wide, at the group's first line. */
+function sharedLabels(points, [from, to]) {
+  const width = isNarrow() ? NARROW_LABEL : LABEL;
+  const groups = [];
+  for (const point of [...points].sort((a, b) => a.frequency_hz - b.frequency_hz)) {
+    const last = groups.at(-1)?.at(-1);
+    if (last && point.frequency_hz - last.frequency_hz < width * (to - from)) groups.at(-1).push(point);
+    else groups.push([point]);
+  }
+  return groups.map((group) => {
+    const names =
+      group.length > 2 ? new Set(group.map(({ kind }) => kind)) : group.map(({ label: own }) => own);
+    return {
+      ...group[0],
+      amplitude: Math.max(...group.map(({ amplitude }) => amplitude)),
+      label: [...names].join(", "),
+      anchor: group.length > 1 ? { xanchor: "left", xshift: -5 } : {},
+    };
+  });
 }
 
 /**
@@ -342,7 +387,6 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
   const range = part ?? [0, end];
   if (scale === "change") return changeDrawing(layers, axis, range, note, revision);
   const lines = shaft ? knownLines(shaft, teeth, bearings) : [];
-  const apart = shaft > 0.03 * (range[1] - range[0]);
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
@@ -377,10 +421,10 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
       },
       yaxis: axisOfAmplitudes(layers, range, scale, `${revision} ${range}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
-      // lines too close to distinguish share one label
-      annotations: points
-        .filter(({ isNamed }, index) => index === 0 || isNamed || apart)
-        .map((point) => label(apart || point.isNamed ? point : { ...point, label: "shafts" }, colour, scale)),
+      annotations: sharedLabels(
+        points.filter(({ frequency_hz: x }) => x >= range[0] && x <= range[1]),
+        range,
+      ).map((point) => ({ ...label(point, colour, scale), ...point.anchor })),
     },
   };
 }

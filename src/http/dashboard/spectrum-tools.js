@@ -94,9 +94,9 @@ export class SpectrumTools {
 
   /**
    * Updates from the address and the spectrum; returns the view they define. `own` is the bearing that a cursor
-   * starts with, if any.
+   * starts with, if any. A machine without a mesh has no lines to zoom to.
    */
-  update(spectrum, query, own) {
+  update(spectrum, query, own, hasMesh) {
     this.#own = own;
     const usable = spectrum && !(spectrum instanceof Error);
     this.#spectrum = spectrum;
@@ -118,6 +118,7 @@ export class SpectrumTools {
     this.#cursor.value = (query.cursor ?? "").slice(0, 1);
     this.#cursor.disabled = !usable;
     for (const control of [this.#zoom, this.#sidebands.input]) control.disabled = orders.length === 0;
+    for (const element of [this.#zoom, this.#sidebands.element]) element.hidden = !hasMesh;
     const view = { scale: query.slog === "1" ? "log" : "", sidebands: query.side === "1", zoom };
     this.#log.input.checked = view.scale === "log";
     this.#sidebands.input.checked = view.sidebands;

@@ -125,20 +125,20 @@ export function limitUse(wear, limits) {
 /**
  * Wear and its interval as text: a median, or a lower bound when the interval reaches the end of the library.
  */
-export function depthWords({ status, at_least_um: least, median_um: median, p05_um: low, p95_um: high }) {
+export function depthWords({ status, at_least_um: least, median_um: median, low_um: low, high_um: high }) {
   if (least != null && status === "estimated")
     return {
       number: `at least ${depth(least)} µm`,
       interval: `with 95 % probability; median ${depth(median)} µm`,
     };
-  return { number: `${depth(median)} µm`, interval: `5 to 95 %: ${depth(low)} to ${depth(high)} µm` };
+  return { number: `${depth(median)} µm`, interval: `90 %: ${depth(low)} to ${depth(high)} µm` };
 }
 
 /** The transmission error due to wear as text; null when unknown. */
 export function transmissionWords({ transmission_error_um: error }) {
   if (!error) return null;
   const um = (value) => (value < 0.05 ? "0" : number(value, 2));
-  return { number: `${um(error.median)} µm`, interval: `5 to 95 %: ${um(error.p05)} to ${um(error.p95)} µm` };
+  return { number: `${um(error.median)} µm`, interval: `90 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
 
 /** A sentence with its full stop, unless it is a question. */
@@ -147,11 +147,12 @@ export const ended = (text) => (text.endsWith("?") ? text : `${text}.`);
 const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : "");
 
 /** A summary of the wear with a recommendation, in one or two sentences. */
-export function sentence(wear, limits, hasPair = true) {
+export function sentence(wear, limits, hasPair = true, hasMesh = true) {
   if (!wear) return "No records yet.";
   const { have, need } = wear.baseline ?? {};
   if (wear.status === "collecting_baseline" && !hasPair) {
-    return `Collecting the baseline: ${have} of ${need} records. After that, deviating records are flagged. Wear in µm is not estimated, because this asset has no gear pair.`;
+    const why = hasMesh ? " Wear in µm is not estimated, because this asset has no gear pair." : "";
+    return `Collecting the baseline: ${have} of ${need} records. After that, deviating records are flagged.${why}`;
   }
   if (wear.status === "collecting_baseline") {
     return `Collecting the baseline: ${have} of ${need} records. Wear is estimated after that.`;
@@ -174,14 +175,14 @@ export function sentence(wear, limits, hasPair = true) {
     return `This record has no features to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault")
     return `The record cannot be judged: ${wear.reason}. Check the sensor first.`;
-  if (wear.status === "outside_library") return unexplained(wear);
+  if (wear.status === "outside_library") return unexplained(wear, hasPair);
   if (wear.status === "recomputing") return "Earlier records are being recomputed; the estimate follows.";
   if (wear.status === "not_identifiable")
     return `The wear depth cannot be identified from the records: ${wear.reason}.`;
-  const { p05_um: low, p95_um: high } = wear;
+  const { low_um: low, high_um: high } = wear;
   const certain =
     wear.at_least_um != null
-      ? `With 95 % probability the greatest wear depth is at least ${depth(wear.at_least_um)} µm; it may be more than the ${depth(high)} µm where the library ends.`
+      ? `With 95 % probability the greatest wear depth is at least ${depth(wear.at_least_um)} µm; it may be beyond the end of the library.`
       : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
   return `${certain} ${transmissionSentence(wear)}${outlook(wear, limits)}`.trim();
 }
@@ -200,7 +201,7 @@ function outlook(wear, limits) {
   const next = warning ?? danger;
   if (next == null) return "No limits are set for this asset.";
   const name = warning != null ? "warning" : "danger";
-  return wear.p95_um >= next
+  return wear.high_um >= next
     ? `The median is below the ${name} limit of ${depth(next)} µm, but the interval reaches past it.`
     : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
 }
@@ -220,14 +221,15 @@ export function envelopeWords(line) {
   return ` The strongest envelope line is at ${number(frequency, 4)} Hz${of}, ${number(ratio, 2)} times its background.`;
 }
 
-/** Describes deviations that wear does not explain. */
-function unexplained({ novelty, reason }) {
+/** Describes deviations that wear does not explain; without a gear pair, deviations from the baseline. */
+function unexplained({ novelty, reason }, hasPair) {
   const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
-  if (most.length === 0) return `Change not explained by wear: ${reason}.`;
+  const what = hasPair ? "Change not explained by wear" : "Change since the baseline";
+  if (most.length === 0) return `${what}: ${reason}.`;
   const words = most
     .map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`)
     .join("; ");
-  return `Change not explained by wear. Relative to the best wear state: ${words}. Check bearings, mounting and load.${envelopeWords(novelty?.envelope_line)}`;
+  return `${what}${hasPair ? ". Relative to the best wear state" : ""}: ${words}. Check bearings, mounting and load.${envelopeWords(novelty?.envelope_line)}`;
 }
 
 /** The time until the limit is reached, from the prognosis after the record of `last`; null when unknown. */
@@ -238,7 +240,7 @@ export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   // after an old record it is unknown whether the gear kept running, so the time counts from that record
   const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
   const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
-  const words = (time) => (seconds(time) <= 0 ? "at once" : span(seconds(time)));
+  const words = (time) => (seconds(time) <= 0 ? "now" : span(seconds(time)));
   const late = prognosis.p95 ? words(prognosis.p95) : "much later";
   return {
     seconds: seconds(prognosis.median),

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
-import { h, setChildren, setText } from "./dom.js";
+import { h, setChildren, setOptions, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, hertz, number, span, unit } from "./format.js";
 import { StickyRange } from "./sticky-range.js";
@@ -26,18 +26,8 @@ const FIND_TIMES = 40;
 
 function choice(id, label, options, onchange) {
   const select = h("select", { id, onchange: () => onchange(select.value) });
-  fillChoice(select, options);
+  setOptions(select, options);
   return { select, element: h("label", { class: "check", for: id }, label, select) };
-}
-
-/** Sets the options, `[value, text]` each, if they have changed. */
-function fillChoice(select, options) {
-  if (select.dataset.options === JSON.stringify(options)) return;
-  select.dataset.options = JSON.stringify(options);
-  setChildren(
-    select,
-    options.map(([value, text]) => h("option", { value }, text)),
-  );
 }
 
 /** The live view of one asset. */
@@ -179,7 +169,7 @@ export class StreamPage {
       return refusal(this.#root, this.#id, asset);
     }
     this.#assetName = assetName(asset);
-    this.#head.update(this.#assetName, this.#query);
+    this.#head.update(this.#assetName, this.#query, asset);
     const streams = await api.answer(api.streams(this.#id, signal));
     if (streams instanceof Error) return this.#showNotice({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
@@ -295,14 +285,14 @@ export class StreamPage {
 
   #showChoices() {
     const { axis, slog, compare, keep } = this.#query;
-    fillChoice(
+    setOptions(
       this.#stream.select,
       this.#names.map((name) => [name, name]),
     );
     this.#stream.select.value = this.#name ?? "";
     this.#stream.element.hidden = this.#names.length < 2;
     const channels = this.#frame?.channels ?? [];
-    fillChoice(
+    setOptions(
       this.#chooseChannel.select,
       channels.map(({ name }) => [name, name]),
     );

@@ -139,7 +139,6 @@ export function liveSpectrumDrawing(frame, channel, record, { inOrders, logarith
         title: { text: inOrders ? "Order of the driving shaft (–)" : "Frequency (Hz)" },
         range: [0, end],
         exponentformat: "none",
-        separatethousands: true,
       },
       yaxis: {
         title: { text: titled("Peak amplitude", frame.unit) },

@@ -3,6 +3,7 @@
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
+import { KeyedRows } from "./keyed-rows.js";
 
 const SCOPES = {
   read: "view everything",
@@ -33,6 +34,11 @@ export class TokensPage {
   );
   #made = h("div", { class: "token-made", hidden: true });
   #body = h("tbody");
+  #rows = new KeyedRows(
+    this.#body,
+    ({ id }) => id,
+    (token) => this.#row(token),
+  );
   #table = h(
     "table",
     { hidden: true },
@@ -100,10 +106,7 @@ export class TokensPage {
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
     setText(this.#notice, answer instanceof Error ? answer.message : "No tokens yet.");
-    setChildren(
-      this.#body,
-      items.map((token) => this.#row(token)),
-    );
+    this.#rows.show(items, (token) => JSON.stringify([token, this.#session?.id]));
   }
 
   #row(token) {

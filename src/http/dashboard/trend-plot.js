@@ -7,26 +7,28 @@ import { eventMarks, wordsAt } from "./life-events.js";
 import { velocityZones } from "./velocity-zones.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
-/** The standard panes; `mesh` holds every mesh harmonic in the records. */
+/** The standard panes; `mesh` holds every mesh harmonic in the records, `ofMesh` ones need a gear mesh. */
 export const PANES = [
   { key: "rms", label: "RMS", names: ["rms"] },
   { key: "velocity_rms", label: "Velocity", names: ["velocity_rms"] },
   { key: "kurtosis", label: "Kurtosis", names: ["kurtosis"] },
-  { key: "omx", label: "OMX", names: ["omx"] },
+  { key: "omx", label: "OMX", names: ["omx"], ofMesh: true },
   { key: "crest_factor", label: "Crest factor", names: ["crest_factor"] },
-  { key: "fm4", label: "FM4", names: ["fm4"] },
-  { key: "na4", label: "NA4", names: ["na4"] },
+  { key: "fm4", label: "FM4", names: ["fm4"], ofMesh: true },
+  { key: "na4", label: "NA4", names: ["na4"], ofMesh: true },
   { key: "novelty", label: "Novelty", names: ["novelty"] },
-  { key: "mesh", label: "Mesh harmonics", names: [] },
+  { key: "mesh", label: "Mesh harmonics", names: [], ofMesh: true },
 ];
 const DEFAULT = "rms,kurtosis,omx";
+const DEFAULT_WITHOUT_MESH = "rms,velocity_rms,kurtosis";
 const GAP = 0.05;
 const LEVEL_REACH = 4; // an alarm level up to this many times the largest value is brought into view
 
 /** The panes of an address, at least one; a non-standard name is an indicator. */
-export function chosenPanes(text) {
-  const keys = (text ?? DEFAULT).split(",").filter((key) => /^[a-z][a-z0-9_]*$/.test(key));
-  const usual = PANES.filter((pane) => keys.includes(pane.key));
+export function chosenPanes(text, hasMesh = true) {
+  const wanted = text ?? (hasMesh ? DEFAULT : DEFAULT_WITHOUT_MESH);
+  const keys = wanted.split(",").filter((key) => /^[a-z][a-z0-9_]*$/.test(key));
+  const usual = PANES.filter((pane) => keys.includes(pane.key) && (hasMesh || !pane.ofMesh));
   const others = keys
     .filter((key) => !PANES.some((pane) => pane.key === key))
     .map((key) => ({ key, label: indicatorName(key), names: [key] }));
@@ -51,6 +53,21 @@ export function paneNames(panes, record) {
     .sort((a, b) => Number(a.slice(5)) - Number(b.slice(5)));
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
+
+const MEANINGS = {
+  omx: "OMX is the peak amplitude of the first mesh line.",
+  kurtosis: "Kurtosis is 3 for Gaussian noise.",
+  fm4: "FM4 is the kurtosis of the difference signal.",
+  na4: "NA4 is the fourth moment of the residual over its running mean.",
+  novelty: "Novelty measures deviations that wear does not explain.",
+};
+
+/** What the displayed indicators mean, where the name does not say it. */
+const meanings = (panes) =>
+  panes
+    .filter(({ key }) => MEANINGS[key])
+    .map(({ key }) => ` ${MEANINGS[key]}`)
+    .join("");
 
 const MAX_TICKS = 7;
 
@@ -111,7 +128,6 @@ function levelLines(name, rules, suffix, colour, logarithmic) {
       y: logarithmic ? Math.log10(level) : level,
       text: `${severity} ${side} ${number(level)}`,
       showarrow: false,
-      bgcolor: colour.surface,
       font: { color: colour[severity] },
     })),
   };
@@ -242,7 +258,7 @@ export function trendDrawing(
         units[key] ? `${key} (${units[key]})` : key,
         items.map((item) => item[key]),
       ]),
-    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty measures deviations that wear does not explain.${bins?.words ? ` ${bins.words}` : ""}${detailWords(indicators)}`,
+    sub: `Channel ${channel}.${meanings(panes)}${bins?.words ? ` ${bins.words}` : ""}${detailWords(indicators)}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };
 }

@@ -166,7 +166,6 @@ export function waterfallDrawing(
       xaxis: {
         exponentformat: "none",
         title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" },
-        separatethousands: true,
         range: [position[0] - step / 2, position.at(-1) + step / 2],
         constrain: "range",
       },

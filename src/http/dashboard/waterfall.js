@@ -104,7 +104,7 @@ export class WaterfallPage {
     const { axis, max, channel } = this.#query;
     const asked = JSON.stringify([axis, max, channel]);
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
-    this.#frame.update(assetName(asset), this.#query);
+    this.#frame.update(assetName(asset), this.#query, asset);
     if (asked === this.#asked && same) return;
     if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
     const answer = await api.answer(

@@ -66,10 +66,10 @@ function hoverWords(
   {
     start_time: time,
     median_um: median,
-    p05_um: low,
+    low_um: low,
     p25_um: quarter,
     p75_um: threeQuarters,
-    p95_um: high,
+    high_um: high,
     reference_wear_um: reference,
     status,
     reason,
@@ -79,7 +79,7 @@ function hoverWords(
   const lines = [
     median == null
       ? (reason ?? status)
-      : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`,
+      : `median ${depth(median)} µm, 90 %: ${depth(low)} to ${depth(high)} µm`,
   ];
   if (quarter != null) lines.push(`25 to 75 %: ${depth(quarter)} to ${depth(threeQuarters)} µm`);
   if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
@@ -88,9 +88,7 @@ function hoverWords(
 }
 
 /** Why there is no estimate at all; null when there is one or the baseline is being collected. */
-export function withoutEstimate(items, hasPair) {
-  if (!hasPair && items.every((item) => item.median_um == null))
-    return "Wear in µm is not estimated, because this asset has no gear pair. Its indicators are below.";
+export function withoutEstimate(items) {
   const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
   return none
     ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.`
@@ -156,6 +154,7 @@ function baselineZones(items, colour) {
 
 const STRIP = 0.06; // height of the strip below the plot for records without an estimate, as a fraction of the plot
 const ROOM = 0.02; // beside the first and the last record, as a fraction of the range
+const LONE_ROOM_MS = 300_000; // to each side of a single record
 
 /**
  * The range from the first to the last record. Set explicitly: Plotly loses all points when a forecast and
@@ -163,7 +162,7 @@ const ROOM = 0.02; // beside the first and the last record, as a fraction of the
  */
 function rangeOf(items) {
   const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
-  const room = Math.max(ROOM * (last - first), 500);
+  const room = last > first ? Math.max(ROOM * (last - first), 500) : LONE_ROOM_MS;
   return [first - room, last + room].map((time) => new Date(time).toISOString());
 }
 
@@ -201,13 +200,13 @@ export function wearDrawing(history, limits, selected, revision, latest, events,
     ? [
         ["line", colour.accent, "median"],
         ...(halved ? [["band", colour.halfOnBand, "25 to 75 %"]] : []),
-        ["band", colour.band, "5 to 95 % interval"],
+        ["band", colour.band, "90 % interval"],
       ]
     : [];
   /** @type {any[]} */
   const traces = [
     {
-      ...bandOutline(items, "p05_um", "p95_um"),
+      ...bandOutline(items, "low_um", "high_um"),
       mode: "lines",
       fill: "toself",
       fillcolor: colour.band,
@@ -307,7 +306,7 @@ export function wearDrawing(history, limits, selected, revision, latest, events,
   const range = zoomed ?? whole;
   const last = items.findLast((item) => item.median_um != null);
   const now = last
-    ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm`
+    ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.low_um)} to ${depth(last.high_um)} µm`
     : "no estimate yet";
   return {
     traces,
@@ -318,10 +317,10 @@ export function wearDrawing(history, limits, selected, revision, latest, events,
         "segment_id",
         "status",
         "median_um",
-        "p05_um",
+        "low_um",
         "p25_um",
         "p75_um",
-        "p95_um",
+        "high_um",
         "reference_wear_um",
       ].map((key) => [key, items.map((item) => item[key])]),
     sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.${detailWords(history)}`,

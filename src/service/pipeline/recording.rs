@@ -1,6 +1,7 @@
 //! Recordings of many records: read on a separate thread, and processed by the pipeline in batches.
 
 use std::io::{self, BufReader, Read};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use rayon::prelude::*;
@@ -41,9 +42,17 @@ impl Pipeline {
         let units = ChannelUnits::of(&self.store, &spec).await?;
         let mut defaults = defaults_of(&spec, &units, self.clock.now());
         defaults.channel_units.extend(names.units(&units));
-        let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            let reader = McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults);
-            Ok(reader.map(move |recorded| Ok(names.applied_to(recorded?))))
+        let missing = Arc::new(Mutex::new(names.recorded()));
+        let mut records = RecordStream::spawn(self.workers.recording_bytes(), {
+            let missing = Arc::clone(&missing);
+            move || {
+                let reader = McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults);
+                Ok(reader.map(move |recorded| {
+                    let recorded = recorded?;
+                    missing.lock().unwrap_or_else(PoisonError::into_inner).remove(recorded.record.channel());
+                    Ok(names.applied_to(recorded))
+                }))
+            }
         });
         let mut summary = BatchSummary::default();
         let mut before: Option<RecordedBatch> = None;
@@ -76,6 +85,8 @@ impl Pipeline {
             stored?;
             before = next?;
             if before.is_none() {
+                let missing = &mut *missing.lock().unwrap_or_else(PoisonError::into_inner);
+                summary.missing_channels = std::mem::take(missing);
                 return Ok(summary);
             }
         }

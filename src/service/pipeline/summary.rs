@@ -43,6 +43,9 @@ pub struct BatchSummary {
     pub refused_count: u64,
     /// The channels of the accepted records.
     pub channels: BTreeSet<String>,
+    /// Names in `recorded_channels` that no record of the recording has; absent if there is none.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub missing_channels: BTreeSet<String>,
     /// Start of the earliest accepted record.
     pub first_start_time: Option<Timestamp>,
     /// Start of the latest accepted record.

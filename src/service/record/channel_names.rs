@@ -1,6 +1,6 @@
 //! Other names and units for the channels of a recording that names them itself.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::channel_units::ChannelUnits;
 use crate::recording::Recorded;
@@ -56,6 +56,11 @@ impl ChannelNames {
             Some((recorded.clone(), unit.clone()))
         });
         of_renamed.collect()
+    }
+
+    /// The names in the recording of the channels that get another one.
+    pub(crate) fn recorded(&self) -> BTreeSet<String> {
+        self.by_recorded.keys().cloned().collect()
     }
 
     /// A record under its new name.

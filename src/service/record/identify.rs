@@ -119,8 +119,8 @@ impl Identified for QueuedRecord {
 fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceError> {
     let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
     let channel = record.channel();
-    if channel.is_empty() || channel.len() > 200 || channel.chars().any(char::is_control) {
-        let expected = "a name of 1 to 200 bytes without control characters";
+    if channel.is_empty() || channel.chars().count() > 200 || channel.chars().any(char::is_control) {
+        let expected = "a name of 1 to 200 characters, none of them control characters";
         return refuse("channel", format!("{channel:?}"), expected);
     }
     check_unit(record)?;

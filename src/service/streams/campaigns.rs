@@ -62,7 +62,7 @@ impl Streams {
             CampaignStatus::of(stored.state()).ok_or_else(|| stream.unknown())
         });
         let begun = begun.await?;
-        self.cut_in_background(&self.find(asset, name, false)?);
+        self.cut_in_background(&self.find(asset, name).await?);
         Ok(begun)
     }
 
@@ -76,7 +76,7 @@ impl Streams {
             stored.end_campaign(&cutting)
         });
         ended.await?;
-        self.cut_in_background(&self.find(asset, name, false)?);
+        self.cut_in_background(&self.find(asset, name).await?);
         Ok(())
     }
 }

@@ -19,6 +19,9 @@ use crate::store::StoreError;
 /// Time between two frames.
 const INTERVAL: Duration = Duration::from_millis(125);
 
+/// Time between two looks at what another process received.
+const SHARED_INTERVAL: Duration = Duration::from_millis(200);
+
 /// Interval at which the asset's description is read again.
 const DESCRIPTION_INTERVAL: Duration = Duration::from_secs(2);
 
@@ -120,10 +123,10 @@ impl LiveFeed {
 impl Streams {
     /// Adds a viewer to a stream.
     ///
-    /// Errors: the asset does not exist; [`ServiceError::StreamUnknown`]; [`ServiceError::StreamsShared`].
+    /// Errors: the asset does not exist; [`ServiceError::StreamUnknown`].
     pub async fn watch(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<StreamViewer, ServiceError> {
         self.status(asset, name).await?;
-        let stream = self.find(asset, name, false)?;
+        let stream = self.find(asset, name).await?;
         let latest = stream.feed.latest.subscribe();
         if stream.feed.begin() {
             stream.feed.update(|latest| {
@@ -164,6 +167,7 @@ impl FrameProducer {
 
     async fn run(mut self) {
         let (mut over, mut next) = (self.streams.follow_end(), self.stream.follow_next());
+        let mut looked_at: Option<Instant> = None;
         let mut ticks = tokio::time::interval(INTERVAL);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -178,7 +182,17 @@ impl FrameProducer {
             if self.stream.feed.latest.borrow().is_over {
                 break;
             }
-            let now = *next.borrow_and_update();
+            let mut now = *next.borrow_and_update();
+            if now == self.seen_next
+                && self.stream.place.is_shared()
+                && looked_at.is_none_or(|looked_at| looked_at.elapsed() >= SHARED_INTERVAL)
+            {
+                looked_at = Some(Instant::now());
+                let stream = Arc::clone(&self.stream);
+                // An error is found again by the next frame.
+                let _ = blocking("read a stream", move || stream.with_stored(|_| Ok(()))).await;
+                now = *next.borrow_and_update();
+            }
             if now.is_some() && now == self.seen_next {
                 self.wait();
                 continue;

@@ -1,30 +1,28 @@
 //! One stream in memory: its sender, its viewers, and its pending records.
 
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use tokio::sync::watch;
 
 use super::feed::LiveFeed;
 use super::frame::{LatestSamples, frames_of};
+use super::place::StreamPlace;
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
 use crate::recording::RecordingError;
 use crate::service::error::ServiceError;
-use crate::store::Disk;
 
 /// A stream of an asset.
 #[derive(Debug)]
 pub(crate) struct LiveStream {
     pub(crate) asset: AssetId,
     pub(crate) name: String,
-    pub(crate) folder: PathBuf,
-    pub(super) disk: Arc<dyn Disk>,
+    pub(super) place: StreamPlace,
     /// `None` until it is read, and after a failed write: it is then read again.
     stored: Mutex<Option<StoredStream>>,
-    /// The number of the connection that sends it; 0 before the first one.
+    /// The number of the connection that sends it, also one of another process; 0 before the first one.
     owner: watch::Sender<u64>,
     /// Number of pending records.
     pending: watch::Sender<usize>,
@@ -37,12 +35,11 @@ pub(crate) struct LiveStream {
 }
 
 impl LiveStream {
-    pub(super) fn new(asset: AssetId, name: String, folder: PathBuf, disk: Arc<dyn Disk>) -> Self {
+    pub(super) fn new(asset: AssetId, name: String, place: StreamPlace) -> Self {
         Self {
             asset,
             name,
-            folder,
-            disk,
+            place,
             stored: Mutex::default(),
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
@@ -64,6 +61,7 @@ impl LiveStream {
         self.owner.subscribe()
     }
 
+    /// Whether a connection is still the sender.
     pub(super) fn is_owner(&self, owner: u64) -> bool {
         *self.owner.borrow() == owner
     }
@@ -79,7 +77,8 @@ impl LiveStream {
 
     /// The latest samples, which stay in memory from now on.
     pub(super) fn latest(&self) -> Result<LatestSamples, ServiceError> {
-        self.with_stored(|stored| {
+        self.with_known(|stored| {
+            let stored = stored.as_mut().ok_or_else(|| self.unknown())?;
             let (first, bytes) = stored.recent(frames_of(&stored.state().format))?;
             let state = stored.state();
             let end = first + (bytes.len() / state.format.frame_bytes()) as u64;
@@ -101,28 +100,58 @@ impl LiveStream {
         }
     }
 
-    /// Runs `work` on the stored stream, which is read first if necessary. Blocks. After a failed write the
-    /// stream is read again the next time, so that memory is never ahead of the disk.
+    /// Runs `work` on the stored stream, which is read first if necessary, also what other processes
+    /// appended. Blocks. After a failed write the stream is read again the next time, so that memory is never
+    /// ahead of the disk.
     pub(super) fn with<T>(
         &self,
+        work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
+    ) -> Result<T, ServiceError> {
+        self.access(true, work)
+    }
+
+    /// As [`with`](Self::with), but without a look at what other processes appended: an append finds out.
+    fn with_known<T>(
+        &self,
+        work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
+    ) -> Result<T, ServiceError> {
+        self.access(false, work)
+    }
+
+    fn access<T>(
+        &self,
+        refreshes: bool,
         work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
     ) -> Result<T, ServiceError> {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         if self.is_closed.load(Ordering::SeqCst) {
             return Err(ServiceError::StreamTaken);
         }
-        if stored.is_none() {
-            *stored = StoredStream::open(Arc::clone(&self.disk), &self.folder)?;
-        }
-        let done = work(&mut stored);
+        let done = self.opened(&mut stored, refreshes).and_then(|()| work(&mut stored));
         if matches!(done, Err(ServiceError::Store(_) | ServiceError::File { .. })) {
             *stored = None;
         }
-        let pending = stored.as_ref().map_or(0, |stored| stored.state().pending.len());
-        self.pending.send_replace(pending);
-        let next = stored.as_ref().and_then(|stored| stored.state().next);
+        let state = stored.as_ref().map(StoredStream::state);
+        self.pending.send_replace(state.map_or(0, |state| state.pending.len()));
+        let next = state.and_then(|state| state.next);
         self.next.send_if_modified(|known| std::mem::replace(known, next) != next);
+        if let Some(sender) = state.and_then(|state| state.sender) {
+            self.owner.send_if_modified(|owner| std::mem::replace(owner, sender) != sender);
+        }
         done
+    }
+
+    fn opened(&self, stored: &mut Option<StoredStream>, refreshes: bool) -> Result<(), ServiceError> {
+        if refreshes
+            && let Some(known) = stored
+            && !known.refresh()?
+        {
+            *stored = None;
+        }
+        if stored.is_none() {
+            *stored = StoredStream::open(&self.place)?;
+        }
+        Ok(())
     }
 
     /// Runs `work` on the stored stream; returns an error if it does not exist.
@@ -130,10 +159,28 @@ impl LiveStream {
         &self,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError>,
     ) -> Result<T, ServiceError> {
-        self.with(|stored| match stored {
-            Some(stored) => work(stored),
-            None => Err(self.unknown()),
+        self.with(|stored| work(stored.as_mut().ok_or_else(|| self.unknown())?))
+    }
+
+    /// Runs `work` for a sender, who knows the stream unless another one has replaced it.
+    pub(super) fn with_sent<T>(
+        &self,
+        owner: u64,
+        work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError>,
+    ) -> Result<T, ServiceError> {
+        self.with_known(|stored| {
+            let stored = stored.as_mut().ok_or_else(|| self.unknown())?;
+            // Checked under the lock: a new sender starts with the samples stored at that time.
+            if *self.owner.borrow() != owner || stored.state().sender.is_some_and(|sender| sender != owner) {
+                return Err(ServiceError::StreamTaken);
+            }
+            work(stored)
         })
+    }
+
+    /// Whether the stream is in memory or in use.
+    pub(super) fn is_used(&self) -> bool {
+        self.stored.try_lock().map_or(true, |stored| stored.is_some())
     }
 
     pub(super) fn unknown(&self) -> ServiceError {
@@ -147,19 +194,14 @@ impl LiveStream {
         *stored = None;
     }
 
-    /// Removes the stream from memory and disk.
+    /// Removes the stream from memory and from its folder.
     pub(super) fn remove(&self) -> Result<(), ServiceError> {
         self.take_over();
         self.feed.end();
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         *stored = None;
         self.pending.send_replace(0);
-        match self.disk.remove_folder(&self.folder) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(ServiceError::File { action: "remove", path: self.folder.clone(), source: error })
-            }
-            _ => Ok(()),
-        }
+        self.place.remove()
     }
 
     /// Whether there are pending records and the caller becomes the one to store them.
@@ -171,26 +213,40 @@ impl LiveStream {
         self.is_cutting.store(false, Ordering::SeqCst);
     }
 
-    /// The next pending record with its bytes; `None` if there is none.
-    pub(super) fn next_cut(&self) -> Result<Option<CutRecord>, ServiceError> {
+    /// The next pending record with its bytes.
+    pub(super) fn next_cut(&self) -> Result<NextCut, ServiceError> {
         self.with_stored(|stored| {
-            let state = stored.state();
-            let Some(pending) = state.pending.front().cloned() else { return Ok(None) };
-            let Some(bytes) = stored.bytes_of(pending.cut)? else {
+            let Some(pending) = stored.state().pending.front().cloned() else {
+                stored.end_cutting()?;
+                return Ok(NextCut::None);
+            };
+            if !stored.begin_cutting()? {
+                return Ok(NextCut::Elsewhere);
+            }
+            let Some(bytes) = stored.bytes_of(pending.cut, pending.lead)? else {
                 let (first, frames) = (pending.cut.first, pending.cut.frames);
                 tracing::error!(
                     first,
                     frames,
                     "skipped a record of a stream: its samples are missing in the journal"
                 );
-                stored.finish_record(first, true)?;
+                stored.finish_record(&pending, true)?;
                 return Err(RecordingError::NoBytes.into());
             };
             let tachometer = stored.state().tachometer_of(pending.cut);
             let (format, asset_created_at) = (stored.state().format.clone(), stored.state().asset_created_at);
-            Ok(Some(CutRecord { pending, format, asset_created_at, bytes, tachometer }))
+            let record = CutRecord { pending, format, asset_created_at, bytes, tachometer };
+            Ok(NextCut::Record(Box::new(record)))
         })
     }
+}
+
+/// The next record of a stream to be stored.
+pub(super) enum NextCut {
+    Record(Box<CutRecord>),
+    /// Another process stores the records.
+    Elsewhere,
+    None,
 }
 
 /// A record to be sent through the pipeline.
@@ -198,6 +254,20 @@ pub(super) struct CutRecord {
     pub(super) pending: PendingCut,
     pub(super) format: crate::recording::stream::StreamFormat,
     pub(super) asset_created_at: jiff::Timestamp,
+    /// Its frames, after those of its lead.
     pub(super) bytes: bytes::Bytes,
+    /// The pulses that the sender gave.
     pub(super) tachometer: Option<crate::signal::Tachometer>,
+}
+
+impl CutRecord {
+    /// Replaces the channel that is a tachometer by the pulses in it.
+    pub(super) fn with_pulses_of_channel(mut self) -> Self {
+        if self.format.tachometer().is_some() {
+            self.tachometer = self.format.pulses(&self.bytes, self.pending.lead);
+            let lead_bytes = self.pending.lead as usize * self.format.frame_bytes();
+            (self.format, self.bytes) = self.format.without_tachometer(self.bytes.slice(lead_bytes..));
+        }
+        self
+    }
 }

@@ -1,27 +1,33 @@
-//! Live streams: continuous samples, stored in a journal on the disk until records are cut out of them and
-//! sent through the pipeline.
+//! Live streams: continuous samples, stored in a journal until records are cut out of them and sent through
+//! the pipeline. The journal is in files, or in rows of a shared store.
 //!
-//! Acknowledged samples are durable. After a crash the next start continues with the journal: a record that
-//! was cut is the same record then, with the same identifier, and is stored once.
+//! Acknowledged samples are durable. After a crash the next start continues with the journal, or another
+//! process of a shared store does: a record that was cut is the same record then, with the same identifier,
+//! and is stored once.
 
 mod campaigns;
 mod capture;
 mod cutting;
 mod feed;
 mod frame;
+mod journal;
 mod live;
 mod on_alarm;
+mod place;
 mod recent;
 mod sender;
+mod shared_journal;
 mod state;
 mod steadiness;
 mod stored;
 mod storing;
 mod tachometer;
+mod taking_over;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use jiff::Timestamp;
 use tokio::sync::watch;
@@ -40,13 +46,17 @@ use cutting::{Cutting, check_bytes};
 pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::LiveStream;
+use place::{SharedRows, StreamPlaces, random, streams_in, too_many};
 pub use sender::StreamSender;
-use stored::{StoredStream, folder_of};
+use stored::StoredStream;
 pub use stored::{StreamGap, StreamProgress};
 pub(crate) use tachometer::Pulses;
 
 /// Maximum number of streams of one asset.
 const MAX_OF_ASSET: usize = 16;
+
+/// Time for the database to end what it is doing with streams when the service ends.
+const CLOSING: Duration = Duration::from_secs(2);
 
 /// Number of records of a stream waiting for the pipeline from which on the sender has to wait.
 const MAX_PENDING: usize = 4;
@@ -57,8 +67,8 @@ pub struct Streams {
     workers: Arc<Workers>,
     pipeline: Arc<Pipeline>,
     clock: Arc<dyn Clock>,
-    /// `None` on a shared store, because a journal is in the folder of one process.
-    folder: Option<PathBuf>,
+    places: StreamPlaces,
+    /// Alarms.
     events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
     is_over: watch::Sender<bool>,
@@ -105,9 +115,13 @@ impl Streams {
         events: Announcer,
         folder: PathBuf,
     ) -> Arc<Self> {
-        let folder = (!store.is_shared()).then_some(folder);
+        let places = if store.is_shared() {
+            StreamPlaces::Shared(Arc::new(SharedRows::new(store.clone(), Arc::clone(&clock))))
+        } else {
+            StreamPlaces::Folder { disk: store.disk(), folder }
+        };
         let is_over = watch::Sender::new(false);
-        Arc::new(Self { store, workers, pipeline, clock, folder, events, all: Mutex::default(), is_over })
+        Arc::new(Self { store, workers, pipeline, clock, places, events, all: Mutex::default(), is_over })
     }
 
     /// Opens a stream for sending, a new one or an existing one. A previous sender is notified that it has
@@ -125,24 +139,20 @@ impl Streams {
         check_name(name)?;
         let described = SensorGroup::of(&self.store, asset).await?.asset;
         let cutting = Arc::new(Cutting::of(&described.spec, &format)?);
-        let stream = self.find(asset, name, true)?;
+        let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
         let (next, owner) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     // The stream of a deleted asset of the same name.
                     *stored = None;
-                    remove_folder(&opened)?;
+                    opened.place.remove()?;
                 }
                 let stored = match stored {
                     Some(stored) => stored,
-                    None => stored.insert(StoredStream::create(
-                        Arc::clone(&opened.disk),
-                        &opened.folder,
-                        created_at,
-                        wanted.clone(),
-                        first,
-                    )?),
+                    None => {
+                        stored.insert(StoredStream::create(&opened.place, created_at, wanted.clone(), first)?)
+                    }
                 };
                 if stored.state().format != wanted {
                     return Err(ServiceError::StreamFormat {
@@ -150,8 +160,15 @@ impl Streams {
                         name: opened.name.clone(),
                     });
                 }
+                let owner = if opened.place.is_shared() {
+                    let owner = random() as u64;
+                    stored.begin_sending(owner)?;
+                    owner
+                } else {
+                    opened.take_over()
+                };
                 stored.drop_waiting_chunks();
-                Ok((stored.state().next, opened.take_over()))
+                Ok((stored.state().next, owner))
             })
         })
         .await??;
@@ -163,11 +180,10 @@ impl Streams {
     /// The status of each stream of an asset, sorted by name.
     pub async fn list(&self, asset: &AssetId) -> Result<Vec<StreamStatus>, ServiceError> {
         self.store.asset(asset).await?;
-        let streams = self.of_asset(asset);
+        let streams = self.of_asset(asset).await?;
         let list = move || {
-            let known = streams
-                .iter()
-                .filter_map(|stream| stream.with_stored(|stored| Ok(status(stream, stored))).ok());
+            let known =
+                streams.iter().filter_map(|stream| stream.with_stored(|stored| status(stream, stored)).ok());
             let mut known: Vec<StreamStatus> = known.collect();
             known.sort_by(|one, other| one.name.cmp(&other.name));
             known
@@ -179,7 +195,7 @@ impl Streams {
     ///
     /// Error: [`ServiceError::StreamUnknown`].
     pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
-        self.of_stream(asset, name, |stream, stored| Ok(status(stream, stored))).await
+        self.of_stream(asset, name, |stream, stored| status(stream, stored)).await
     }
 
     /// The levels of each second of a stream from one time to another.
@@ -218,7 +234,7 @@ impl Streams {
             stored.keep_last(most)?.ok_or_else(|| stream.unknown())
         });
         let kept = kept.await?;
-        self.cut_in_background(&self.find(asset, name, false)?);
+        self.cut_in_background(&self.find(asset, name).await?);
         Ok((kept.start_time, kept.cut.frames))
     }
 
@@ -243,9 +259,17 @@ impl Streams {
             let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
             all.values().cloned().collect()
         };
-        if let Err(error) =
-            blocking("close streams", move || all.iter().for_each(|stream| stream.close())).await
-        {
+        let close = blocking("close streams", move || all.iter().for_each(|stream| stream.close()));
+        if self.places.shared().is_some() {
+            // A statement of an unreachable database is not awaited: what it appends is whole in any case.
+            let close = async {
+                let _ = close.await;
+                self.release_cutting().await;
+            };
+            if tokio::time::timeout(CLOSING, close).await.is_err() {
+                tracing::warn!("failed to release the live streams in time: another process takes them over");
+            }
+        } else if let Err(error) = close.await {
             tracing::error!(%error, "failed to close the live streams");
         }
     }
@@ -255,12 +279,17 @@ impl Streams {
         self.is_over.subscribe()
     }
 
-    /// Resumes the streams that the previous process left.
+    /// Resumes the streams that the previous process left; on a shared store, also those that other processes
+    /// leave from now on.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
-        let Some(folder) = self.folder.clone() else { return Ok(()) };
         self.follow_alarms_in_background();
-        for (asset, name) in blocking("list streams", move || names_in(&folder)).await? {
-            let stream = self.find(&asset, &name, true)?;
+        let StreamPlaces::Folder { folder, .. } = &self.places else {
+            self.take_over_in_background();
+            return Ok(());
+        };
+        let folder = folder.clone();
+        for (asset, name) in blocking("list streams", move || streams_in(&folder)).await? {
+            let stream = self.in_memory(&asset, &name)?;
             let described = match self.store.asset(&asset).await {
                 Err(StoreError::AssetUnknown(_)) => None,
                 described => Some(described?),
@@ -288,9 +317,14 @@ impl Streams {
         Ok(())
     }
 
-    fn of_asset(&self, asset: &AssetId) -> Vec<Arc<LiveStream>> {
+    /// The streams of an asset.
+    async fn of_asset(&self, asset: &AssetId) -> Result<Vec<Arc<LiveStream>>, ServiceError> {
+        if self.places.shared().is_some() {
+            let names = self.store.stream_names(asset).await?;
+            return names.iter().map(|name| self.in_memory(asset, name)).collect();
+        }
         let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-        all.values().filter(|stream| stream.asset == *asset).cloned().collect()
+        Ok(all.values().filter(|stream| stream.asset == *asset).cloned().collect())
     }
 
     async fn of_stream<T: Send + 'static>(
@@ -300,35 +334,45 @@ impl Streams {
         work: impl FnOnce(&LiveStream, &mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
         self.store.asset(asset).await?;
-        let stream = self.find(asset, name, false)?;
+        let stream = self.find(asset, name).await?;
         blocking("access a stream", move || stream.with_stored(|stored| work(&stream, stored))).await?
     }
 
-    /// Finds a stream; creates it in memory if `is_made`.
-    fn find(&self, asset: &AssetId, name: &str, is_made: bool) -> Result<Arc<LiveStream>, ServiceError> {
-        let folder = self.folder.as_deref().ok_or(ServiceError::StreamsShared)?;
+    /// Finds a stream.
+    async fn find(&self, asset: &AssetId, name: &str) -> Result<Arc<LiveStream>, ServiceError> {
+        let key = (asset.clone(), name.to_owned());
+        let known = self.all.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
+        if let Some(stream) = known {
+            return Ok(stream);
+        }
+        if self.places.shared().is_some() && self.store.has_stream(asset, name).await? {
+            return self.in_memory(asset, name);
+        }
+        Err(ServiceError::StreamUnknown { asset: asset.clone(), name: name.to_owned() })
+    }
+
+    /// Finds a stream in memory, or creates it there.
+    fn in_memory(&self, asset: &AssetId, name: &str) -> Result<Arc<LiveStream>, ServiceError> {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         let key = (asset.clone(), name.to_owned());
         if let Some(stream) = all.get(&key) {
             return Ok(Arc::clone(stream));
         }
-        if !is_made {
-            return Err(ServiceError::StreamUnknown { asset: asset.clone(), name: name.to_owned() });
+        // The rows of a shared store are counted when the stream is created.
+        if self.places.shared().is_none() && all.keys().filter(|(of, _)| of == asset).count() >= MAX_OF_ASSET
+        {
+            return Err(too_many(name));
         }
-        if all.keys().filter(|(of, _)| of == asset).count() >= MAX_OF_ASSET {
-            let expected = "one of the asset's existing streams, which are at the maximum of 16";
-            return Err(ServiceError::Field { field: "name", value: name.to_owned(), expected });
-        }
-        let folder = folder_of(folder, asset.as_str(), name);
-        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), folder, self.store.disk()));
+        let place = self.places.of(asset, name);
+        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), place));
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
     }
 }
 
-fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
+fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, ServiceError> {
     let state = stored.state();
-    StreamStatus {
+    Ok(StreamStatus {
         name: stream.name.clone(),
         format: state.format.clone(),
         next: state.next,
@@ -340,9 +384,9 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
         records: state.records,
         records_refused: state.refused,
         records_waiting: state.pending.len() as u64,
-        journal_bytes: stored.journal_bytes(),
+        journal_bytes: stored.journal_bytes()?,
         campaign: CampaignStatus::of(state),
-    }
+    })
 }
 
 /// Checks a stream name, which is part of a path.
@@ -352,30 +396,4 @@ fn check_name(name: &str) -> Result<(), ServiceError> {
         value: format!("{:?}", name.chars().take(64).collect::<String>()),
         expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit",
     })
-}
-
-fn remove_folder(stream: &LiveStream) -> Result<(), ServiceError> {
-    stream.disk.remove_folder(&stream.folder).map_err(|source| ServiceError::File {
-        action: "remove",
-        path: stream.folder.clone(),
-        source,
-    })
-}
-
-/// The assets and names of the streams in a folder.
-fn names_in(folder: &std::path::Path) -> Vec<(AssetId, String)> {
-    let names = |folder: &std::path::Path| -> Vec<String> {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
-    };
-    let assets = names(folder).into_iter().filter_map(|asset| AssetId::new(asset).ok());
-    assets
-        .flat_map(|asset| {
-            let streams = names(&folder.join(asset.as_str())).into_iter();
-            streams
-                .filter(|name| check_name(name).is_ok())
-                .map(move |name| (asset.clone(), name))
-                .collect::<Vec<_>>()
-        })
-        .collect()
 }

@@ -39,6 +39,15 @@ impl RaisedSeverities {
 }
 
 impl Streams {
+    /// Notes an event that arrived from another process of a cluster.
+    pub(crate) fn note_event(&self, event: &LiveEvent) {
+        match event {
+            LiveEvent::AlarmChanged(_) => self.events.announce(event.clone()),
+            LiveEvent::AssetRemoved(asset) => self.forget(asset),
+            _ => {}
+        }
+    }
+
     /// Follows alarms in the background for as long as the service exists.
     pub(super) fn follow_alarms_in_background(self: &Arc<Self>) {
         let (mut events, mut over) = (self.events.follow(), self.follow_end());
@@ -72,7 +81,7 @@ impl Streams {
         asset: &AssetId,
         notice: &AlarmNotice,
     ) -> Result<(), ServiceError> {
-        let streams = self.of_asset(asset);
+        let streams = self.of_asset(asset).await?;
         if streams.is_empty() {
             return Ok(());
         }
@@ -81,8 +90,10 @@ impl Streams {
             return Ok(());
         }
         let raised_at = notice.change.time;
+        // Other processes of a cluster receive the same notice.
+        let alarm: Arc<str> = format!("{} {raised_at}", notice.alarm.id).into();
         for stream in streams {
-            let (capturing, spec) = (Arc::clone(&stream), Arc::clone(&spec));
+            let (capturing, spec, alarm) = (Arc::clone(&stream), Arc::clone(&spec), Arc::clone(&alarm));
             let capture = move |stored: &mut StoredStream| {
                 let state = stored.state();
                 let time = state.next.and_then(|next| state.time(next));
@@ -90,7 +101,7 @@ impl Streams {
                     return Ok(false);
                 }
                 let cutting = Cutting::of(&spec, &state.format)?;
-                stored.capture_around_alarm(&cutting)
+                stored.capture_around_alarm(&alarm, &cutting)
             };
             match blocking("capture samples around an alarm", move || capturing.with_stored(capture)).await? {
                 Ok(true) => self.cut_in_background(&stream),

@@ -91,13 +91,21 @@ impl StreamSender {
         let _ = self.stream.follow_owner().wait_for(|owner| *owner != mine).await;
     }
 
-    /// Updates the cutting of records to the asset's current description.
+    /// Updates the cutting of records to the asset's current description, and the stream to what other
+    /// processes did with it.
     ///
-    /// Error: the asset is deleted.
+    /// Errors: the asset is deleted; [`ServiceError::StreamTaken`].
     pub async fn refresh(&mut self) -> Result<(), ServiceError> {
         let described = self.streams.store.asset(&self.stream.asset).await?;
         if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {
             self.cutting = Arc::new(cutting);
+        }
+        if self.stream.place.is_shared() {
+            let stream = Arc::clone(&self.stream);
+            blocking("access a stream", move || stream.with_stored(|_| Ok(()))).await??;
+            if !self.stream.is_owner(self.owner) {
+                return Err(ServiceError::StreamTaken);
+            }
         }
         Ok(())
     }
@@ -108,11 +116,7 @@ impl StreamSender {
     ) -> Result<T, ServiceError> {
         let (stream, owner) = (Arc::clone(&self.stream), self.owner);
         let write = move || {
-            stream.with_stored(|stored| {
-                // Checked under the lock: a new sender starts with the samples stored at that time.
-                if !stream.is_owner(owner) {
-                    return Err(ServiceError::StreamTaken);
-                }
+            stream.with_sent(owner, |stored| {
                 let done = work(stored)?;
                 Ok((done, stored.state().next))
             })

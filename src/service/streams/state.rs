@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::capture::{Campaign, Capture};
 use super::cutting::{Cutting, Decision};
 use super::steadiness::Steadiness;
-use super::tachometer::{Pulses, StreamTachometer};
+use super::tachometer::{Pulses, StreamTachometer, lead};
 use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
 use crate::signal::{OperatingPoint, Tachometer};
 use crate::store::{JournalEntry, TimedLevel};
@@ -45,6 +45,11 @@ pub(crate) struct StreamState {
     captured_to: u64,
     #[serde(default)]
     pub(crate) campaign: Option<Campaign>,
+    /// In a shared store: the connection that sends the stream, and the last alarm that began a capture.
+    #[serde(default)]
+    pub(super) sender: Option<u64>,
+    #[serde(default)]
+    alarm: Option<String>,
 }
 
 /// A record that is planned and not stored yet. It never changes, so that each attempt to store it gives the
@@ -54,6 +59,9 @@ pub(crate) struct PendingCut {
     pub(crate) cut: StreamCut,
     pub(crate) start_time: Timestamp,
     pub(crate) operating_point: OperatingPoint,
+    /// Frames before it in which pulses of its tachometer's channel are found too.
+    #[serde(default)]
+    pub(crate) lead: u64,
 }
 
 /// A journal note: an event other than samples and gaps.
@@ -85,6 +93,12 @@ pub(super) enum Note {
     Captured(PendingCut),
     /// The capture ends early.
     CaptureEnd,
+    /// In a shared store: another connection sends the stream from now on.
+    Sender(u64),
+    /// In a shared store: no record starts before this index any more.
+    Skipped(u64),
+    /// The alarm that begins the next capture.
+    Alarm(String),
 }
 
 impl StreamState {
@@ -107,6 +121,8 @@ impl StreamState {
             capture: None,
             captured_to: 0,
             campaign: None,
+            sender: None,
+            alarm: None,
         }
     }
 
@@ -194,6 +210,9 @@ impl StreamState {
                 }
                 self.captured(0);
             }
+            Note::Sender(sender) => self.sender = Some(sender),
+            Note::Skipped(index) => self.cutter.skip_before(index),
+            Note::Alarm(alarm) => self.alarm = Some(alarm),
         }
     }
 
@@ -225,7 +244,13 @@ impl StreamState {
 
     fn pending(&self, cut: StreamCut) -> PendingCut {
         let start_time = self.time(cut.first).unwrap_or(self.asset_created_at);
-        PendingCut { cut, start_time, operating_point: self.operating_point }
+        let lead = self.lead().min(cut.first.saturating_sub(self.cutter.run_first()));
+        PendingCut { cut, start_time, operating_point: self.operating_point, lead }
+    }
+
+    /// Frames before a record that are needed for its pulses.
+    fn lead(&self) -> u64 {
+        self.format.tachometer().map_or(0, |_| lead(self.format.sample_rate_hz()))
     }
 
     /// The time of a sample; `None` before the first one.
@@ -249,7 +274,12 @@ impl StreamState {
         let pending = self.pending.iter().map(|pending| pending.cut.first).min();
         let captured = self.capture.map(|capture| capture.from);
         let needed = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
-        kept_from.min(self.cutter.needs_from()).min(needed)
+        kept_from.min(self.cutter.needs_from()).min(needed).saturating_sub(self.lead())
+    }
+
+    /// Whether this alarm began the last capture around an alarm.
+    pub(super) fn is_captured(&self, alarm: &str) -> bool {
+        self.alarm.as_deref() == Some(alarm)
     }
 
     /// The number of latest frames that stay in the journal.
@@ -299,11 +329,21 @@ pub(super) struct Draft {
     pub(super) state: StreamState,
     pub(super) entries: Vec<JournalEntry>,
     pub(super) levels: Vec<TimedLevel>,
+    /// Index before which no record starts any more, if that does not follow from the entries.
+    skipped: Option<u64>,
 }
 
 impl Draft {
     pub(super) fn new(state: StreamState) -> Self {
-        Self { state, entries: Vec::new(), levels: Vec::new() }
+        Self { state, entries: Vec::new(), levels: Vec::new(), skipped: None }
+    }
+
+    /// Adds what other processes cannot know from the entries; they may have another description of the asset
+    /// when they go on.
+    pub(super) fn note_skipped(&mut self) {
+        if let Some(index) = self.skipped.take().filter(|_| !self.entries.is_empty()) {
+            self.note(&Note::Skipped(index));
+        }
     }
 
     pub(super) fn add(&mut self, entry: JournalEntry) {
@@ -333,7 +373,11 @@ impl Draft {
                 }
             }
         }
+        let earliest = self.state.cutter.earliest();
         cutting.pass_over(&mut self.state.cutter);
+        if self.state.cutter.earliest() > earliest {
+            self.skipped = Some(self.state.cutter.earliest());
+        }
     }
 
     /// Plans a record of the remaining samples before a gap.

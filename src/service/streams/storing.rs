@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytes::Bytes;
 
 use super::Streams;
-use super::live::{CutRecord, LiveStream};
+use super::live::{CutRecord, LiveStream, NextCut};
 use crate::asset::AssetId;
 use crate::recording::{BlockEncoding, encode_block};
 use crate::service::error::ServiceError;
@@ -18,6 +18,17 @@ use crate::store::StoreError;
 /// First and longest wait before a record is retried.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
 const MAX_RETRY: Duration = Duration::from_secs(30);
+
+/// Wait before the next look at the records that another process stores.
+const LOOK_AGAIN: Duration = Duration::from_millis(500);
+
+/// The outcome of an attempt to store the next record.
+enum Attempt {
+    Stored,
+    /// Another process stores the records.
+    Elsewhere,
+    NonePending,
+}
 
 impl Streams {
     /// Stores pending records in the background, one after the other.
@@ -43,8 +54,14 @@ impl Streams {
         let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
         loop {
             match self.store_next(stream).await {
-                Ok(true) => wait = RETRY_AFTER,
-                Ok(false) => return,
+                Ok(Attempt::Stored) => wait = RETRY_AFTER,
+                Ok(Attempt::NonePending) => return,
+                Ok(Attempt::Elsewhere) => {
+                    tokio::select! {
+                        _ = over.wait_for(|over| *over) => return,
+                        () = tokio::time::sleep(LOOK_AGAIN) => {}
+                    }
+                }
                 Err(error) => {
                     let (asset, name) = (&stream.asset, &stream.name);
                     tracing::warn!(%asset, name, %error, "failed to store a record of a stream: retrying");
@@ -60,19 +77,24 @@ impl Streams {
         }
     }
 
-    /// Stores the next record; returns false if there is none.
-    async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<bool, ServiceError> {
+    /// Stores the next record.
+    async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<Attempt, ServiceError> {
         let reader = Arc::clone(stream);
-        let Some(record) = blocking("read a stream", move || reader.next_cut()).await?? else {
-            return Ok(false);
+        let record = match blocking("read a stream", move || reader.next_cut()).await? {
+            Ok(NextCut::Record(record)) => *record,
+            Ok(NextCut::Elsewhere) => return Ok(Attempt::Elsewhere),
+            // It was removed in the meantime.
+            Ok(NextCut::None) | Err(ServiceError::StreamUnknown { .. }) => return Ok(Attempt::NonePending),
+            Err(error) => return Err(error),
         };
-        let first = record.pending.cut.first;
+        let pending = record.pending.clone();
+        let first = pending.cut.first;
         let is_refused = match self.store_record(&stream.asset, record).await {
             Ok(()) => false,
             Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
                 let gone = Arc::clone(stream);
                 blocking("remove a stream", move || gone.remove()).await??;
-                return Ok(false);
+                return Ok(Attempt::NonePending);
             }
             Err(
                 error @ (ServiceError::Recording(_)
@@ -86,20 +108,21 @@ impl Streams {
             Err(error) => return Err(error),
         };
         let writer = Arc::clone(stream);
-        let done = move || writer.with_stored(|stored| stored.finish_record(first, is_refused));
+        let done = move || writer.with_stored(|stored| stored.finish_record(&pending, is_refused));
         match blocking("write a stream", done).await? {
-            // It was removed in the meantime.
-            Err(ServiceError::StreamUnknown { .. }) => Ok(false),
-            done => done.map(|()| true),
+            Err(ServiceError::StreamUnknown { .. }) => Ok(Attempt::NonePending),
+            done => done.map(|()| Attempt::Stored),
         }
     }
 
     async fn store_record(&self, asset: &AssetId, record: CutRecord) -> Result<(), ServiceError> {
-        let CutRecord { pending, format, asset_created_at, bytes, tachometer } = record;
         let described = self.store.asset(asset).await?;
-        if described.created_at != asset_created_at {
+        if described.created_at != record.asset_created_at {
             return Err(StoreError::AssetUnknown(asset.clone()).into());
         }
+        let separate = move || record.with_pulses_of_channel();
+        let CutRecord { pending, format, bytes, tachometer, .. } =
+            blocking("find the pulses of a stream", separate).await?;
         let metadata = UploadMetadata {
             start_time: Some(pending.start_time),
             channel_names: format.channel_names.clone(),

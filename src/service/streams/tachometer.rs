@@ -1,4 +1,4 @@
-//! Tachometer pulses between the samples of a stream.
+//! Tachometer pulses that the sender of a stream gives between its samples.
 
 use std::collections::VecDeque;
 
@@ -109,7 +109,8 @@ impl StreamTachometer {
     }
 }
 
-fn lead(rate_hz: f64) -> u64 {
+/// Frames before a record from which its pulses are included.
+pub(super) fn lead(rate_hz: f64) -> u64 {
     (LEAD_S * rate_hz) as u64
 }
 

@@ -197,7 +197,7 @@ fn verdict(estimate: &WearEstimate) -> Option<&'static str> {
 }
 
 fn median_and_interval(estimate: &WearEstimate) -> Option<[f64; 3]> {
-    Some([estimate.median_um?, estimate.p05_um?, estimate.p95_um?])
+    Some([estimate.median_um?, estimate.low_um?, estimate.high_um?])
 }
 
 /// Returns the probability of less wear than the truth, with each point's probability spread over its cell.

@@ -42,7 +42,7 @@ pub struct Answer {
     pub record: usize,
     /// True greatest depth in µm.
     pub truth_um: f64,
-    /// Median, 5 % and 95 % quantiles in µm, where there is an estimate.
+    /// Median and ends of the 90 % interval in µm, where there is an estimate.
     pub wear_um: Option<[f64; 3]>,
     /// Whether the record was attributed to something other than wear.
     pub flagged: bool,
@@ -283,5 +283,5 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
 }
 
 fn median_and_interval(estimate: &WearEstimate) -> Option<[f64; 3]> {
-    Some([estimate.median_um?, estimate.p05_um?, estimate.p95_um?])
+    Some([estimate.median_um?, estimate.low_um?, estimate.high_um?])
 }

@@ -11,7 +11,7 @@ pub const NOMINAL: [f64; 10] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.9
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ScoredRecord {
     pub(super) truth_um: f64,
-    /// Median, 5 % and 95 % quantiles in µm, where there is an estimate.
+    /// Median and ends of the 90 % interval in µm, where there is an estimate.
     pub(super) estimate: Option<[f64; 3]>,
     /// Posterior probability of less wear than the truth.
     pub(super) below_truth: Option<f64>,

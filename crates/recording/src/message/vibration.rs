@@ -114,9 +114,9 @@ pub struct WearEstimate {
     #[prost(double, optional, tag = "3")]
     pub median_um: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "4")]
-    pub p05_um: ::core::option::Option<f64>,
+    pub low_um: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "5")]
-    pub p95_um: ::core::option::Option<f64>,
+    pub high_um: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "6")]
     pub p25_um: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "7")]

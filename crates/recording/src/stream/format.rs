@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::super::{RawLayout, RawSample, RecordingError};
+use super::TachometerChannel;
 
 /// Highest sampling rate in hertz.
 const MAX_RATE_HZ: f64 = 1e7;
@@ -12,12 +13,14 @@ const MAX_RATE_HZ: f64 = 1e7;
 pub struct StreamFormat {
     sample: RawSample,
     sample_rate_hz: f64,
-    channels: u32,
+    pub(super) channels: u32,
     scale: Option<f64>,
     /// Unit of the samples, if the sender states it.
     pub unit: Option<String>,
     /// Names of the channels in order; empty if the sender does not state them.
     pub channel_names: Vec<String>,
+    #[serde(default)]
+    pub(super) tachometer: Option<TachometerChannel>,
 }
 
 impl StreamFormat {
@@ -35,7 +38,8 @@ impl StreamFormat {
             return Err(RecordingError::field("sample_rate_hz", sample_rate_hz, "a rate from 1 to 1e7 Hz"));
         }
         RawLayout::new(sample, sample_rate_hz, channels, scale)?;
-        Ok(Self { sample, sample_rate_hz, channels, scale, unit: None, channel_names: Vec::new() })
+        let (unit, channel_names, tachometer) = (None, Vec::new(), None);
+        Ok(Self { sample, sample_rate_hz, channels, scale, unit, channel_names, tachometer })
     }
 
     /// Sets the unit and the names of the channels.
@@ -87,8 +91,17 @@ impl StreamFormat {
 
     /// Returns the values of frames in the stream's unit, channels interleaved.
     pub fn values<'a>(&self, frames: &'a [u8]) -> impl Iterator<Item = f32> + 'a {
-        let (sample, scale) = (self.sample, self.scale.unwrap_or(self.sample.default_scale()));
+        let (sample, scale) = (self.sample, self.value_of_count());
         frames.chunks_exact(sample.bytes()).map(move |bytes| (sample.value(bytes) * scale) as f32)
+    }
+
+    /// Returns the value of the first sample of some bytes in the stream's unit.
+    pub(super) fn value(&self, bytes: &[u8]) -> f64 {
+        self.sample.value(bytes) * self.value_of_count()
+    }
+
+    fn value_of_count(&self) -> f64 {
+        self.scale.unwrap_or(self.sample.default_scale())
     }
 
     /// Converts frames to seconds, at the sender's rate.

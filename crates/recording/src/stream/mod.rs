@@ -5,7 +5,8 @@
 //!   gaps with their length;
 //! - [`StreamClock`]: gives the time of a sample and tracks the drift of the sampling rate;
 //! - [`StreamCutter`]: selects the samples that become records, by a [`CutPolicy`];
-//! - [`LevelMeter`]: measures RMS and peak of each second.
+//! - [`LevelMeter`]: measures RMS and peak of each second;
+//! - [`TachometerChannel`]: finds the pulses of a tachometer in one of the channels.
 //!
 //! Samples remain raw bytes. All state between chunks can be serialised, so that an interrupted stream can
 //! continue.
@@ -15,9 +16,11 @@ mod clock;
 mod cutter;
 mod format;
 mod levels;
+mod tachometer;
 
 pub use assembler::{Assembler, Chunk, MAX_INDEX, Piece};
 pub use clock::StreamClock;
 pub use cutter::{CutPolicy, StreamCut, StreamCutter};
 pub use format::StreamFormat;
 pub use levels::{ChannelLevel, Level, LevelMeter};
+pub use tachometer::TachometerChannel;

@@ -2,6 +2,13 @@
 
 use super::wear::Posterior;
 
+/// Probability of the interval that is reported with a depth, ...
+const INTERVAL_PROBABILITY: f64 = 0.9;
+
+/// ... and the greatest probability of depths below it, and of those above it. With it the intervals contain
+/// the truth in 90 % of the records of members that are left out of the estimate.
+const MAX_TAIL: f64 = 0.07;
+
 /// Rising wear depths from 0 to a library's last state; empty without a library.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DepthGrid {
@@ -55,6 +62,38 @@ impl DepthGrid {
         self.depths_um[self.depths_um.len() - 1]
     }
 
+    /// Returns the shortest interval in µm that has [`INTERVAL_PROBABILITY`], with at most [`MAX_TAIL`] on
+    /// either side; among equally short ones that with equal tails. If it begins at 0, its end is the 95 %
+    /// quantile: little wear hides in a healthy machine's scatter, and the shortest interval would promise more
+    /// than is known.
+    pub(super) fn interval_um(&self, probability: &[f64]) -> [f64; 2] {
+        let tails = 1.0 - INTERVAL_PROBABILITY;
+        let (least, most) = (tails - MAX_TAIL, MAX_TAIL);
+        let from = |below: f64| {
+            [
+                self.quantile_um(probability, below),
+                self.quantile_um(probability, below + INTERVAL_PROBABILITY),
+            ]
+        };
+        let width = |[low, high]: [f64; 2]| high - low;
+        // The density is constant within a cell, so that one end of the shortest interval is the limit of one.
+        let mut sum = 0.0;
+        let limits = probability.iter().flat_map(|p| {
+            sum += p;
+            [sum, sum - INTERVAL_PROBABILITY]
+        });
+        let shortest = [least, most]
+            .into_iter()
+            .chain(limits)
+            .filter(|below| (least..=most).contains(below))
+            .map(from)
+            .fold(from(0.5 * tails), |best, one| if width(one) < width(best) - 1e-9 { one } else { best });
+        match shortest {
+            [0.0, _] => [0.0, self.quantile_um(probability, 1.0 - 0.5 * tails)],
+            interval => interval,
+        }
+    }
+
     /// Returns the probability that wear exceeds a depth in µm.
     pub(super) fn probability_above(&self, probability: &[f64], limit_um: f64) -> f64 {
         let above = |(point, p): (usize, &f64)| {
@@ -78,6 +117,58 @@ impl DepthGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The sum of a normal density over each cell.
+    fn normal(grid: &DepthGrid, mean_um: f64, deviation_um: f64) -> Vec<f64> {
+        let density = |um: &f64| (-0.5 * ((um - mean_um) / deviation_um).powi(2)).exp();
+        let weights: Vec<f64> = grid
+            .depths_um
+            .iter()
+            .zip(grid.cells())
+            .map(|(um, [low, high])| density(um) * (high - low))
+            .collect();
+        let total: f64 = weights.iter().sum();
+        weights.iter().map(|weight| weight / total).collect()
+    }
+
+    #[test]
+    fn the_interval_is_the_shortest_one() {
+        let grid = DepthGrid::of(&(0..=490).map(|k| 0.5 * f64::from(k)).collect::<Vec<_>>());
+        // Symmetric: equal tails, 1.645 standard deviations.
+        let [low, high] = grid.interval_um(&normal(&grid, 120.0, 10.0));
+        assert!((low - 103.55).abs() < 0.3 && (high - 136.45).abs() < 0.3, "{low} {high}");
+        // Cut off by the end of the library: from the quantile 7 % on.
+        let half = normal(&grid, 245.0, 10.0);
+        let [low, high] = grid.interval_um(&half);
+        assert!((low - (245.0 - 18.12)).abs() < 0.3 && high > 244.0, "{low} {high}");
+        assert!((grid.probability_above(&half, low) - (1.0 - MAX_TAIL)).abs() < 1e-9);
+        // Mixed 0.95 to 0.05: the smaller part is left out.
+        let mixed: Vec<f64> = normal(&grid, 60.0, 5.0)
+            .iter()
+            .zip(normal(&grid, 200.0, 5.0))
+            .map(|(one, other)| 0.95 * one + 0.05 * other)
+            .collect();
+        let [low, high] = grid.interval_um(&mixed);
+        assert!(low > 45.0 && high < 80.0, "{low} {high}");
+        let inside = grid.probability_above(&mixed, low) - grid.probability_above(&mixed, high);
+        assert!((inside - INTERVAL_PROBABILITY).abs() < 1e-9, "{inside}");
+    }
+
+    #[test]
+    fn an_interval_from_zero_ends_at_the_95_percent_quantile() {
+        let grid = DepthGrid::of(&[0.0, 1.0, 2.0, 3.0, 4.0]);
+        let probability = [0.5, 0.3, 0.12, 0.05, 0.03];
+        let interval = grid.interval_um(&probability);
+        assert_eq!(interval, [0.0, grid.quantile_um(&probability, 0.95)]);
+    }
+
+    #[test]
+    fn of_equally_short_intervals_that_with_equal_tails_is_taken() {
+        // Flat from 5 to 45 µm.
+        let grid = DepthGrid::of(&[0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
+        let [low, high] = grid.interval_um(&[0.0, 0.25, 0.25, 0.25, 0.25, 0.0]);
+        assert!((low - 7.0).abs() < 1e-9 && (high - 43.0).abs() < 1e-9, "{low} {high}");
+    }
 
     #[test]
     fn quantiles_of_a_flat_density_are_the_closed_form() {

@@ -40,12 +40,12 @@ pub struct ChannelContribution {
     /// Its own median wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub median_um: Option<f64>,
-    /// Its own 5 % quantile in µm.
+    /// Lower end of its own 90 % interval in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub p05_um: Option<f64>,
-    /// Its own 95 % quantile in µm.
+    pub low_um: Option<f64>,
+    /// Upper end of this interval in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub p95_um: Option<f64>,
+    pub high_um: Option<f64>,
     /// Start of its latest record, where the channel is silent and so not included in the estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub silent_since: Option<Timestamp>,
@@ -158,8 +158,8 @@ impl ChannelContribution {
             reason: wear.reason.clone(),
             novelty_score: wear.novelty.as_ref().map(|novelty| novelty.score),
             median_um: wear.median_um,
-            p05_um: wear.p05_um,
-            p95_um: wear.p95_um,
+            low_um: wear.low_um,
+            high_um: wear.high_um,
             silent_since: None,
         }
     }
@@ -282,22 +282,23 @@ fn mix(latest: &[(&str, &WearEstimate)], wear: &mut WearEstimate) {
     }
     let grid = DepthGrid::of(&mixture.wear_um);
     let quantile = |level| grid.quantile_um(&mixture.probability, level);
-    let [p05, p25, median, p75, p95] = [0.05, 0.25, 0.5, 0.75, 0.95].map(quantile);
+    let [least, p25, median, p75] = [0.05, 0.25, 0.5, 0.75].map(quantile);
+    let [low, high] = grid.interval_um(&mixture.probability);
     let end_um = mixture.wear_um.last().copied().unwrap_or_default();
-    let at_end = p95 >= grid.cell_um(mixture.wear_um.len().saturating_sub(2))[0];
+    let at_end = high >= grid.cell_um(mixture.wear_um.len().saturating_sub(2))[0];
     let names: Vec<&str> = estimated.iter().map(|(channel, _)| *channel).collect();
     let names = names.join(", ");
-    (wear.status, wear.reason) = if p95 - p05 > MAX_MIXTURE_PART * end_um {
-        let reason = format!("channels {names} disagree: wear between {p05:.0} and {p95:.0} µm is possible");
+    (wear.status, wear.reason) = if high - low > MAX_MIXTURE_PART * end_um {
+        let reason = format!("channels {names} disagree: wear between {low:.0} and {high:.0} µm is possible");
         (WearStatus::NotIdentifiable, reason)
     } else if at_end {
         let reason = format!(
-            "wear of at least {p05:.0} µm with 95 % probability from channels {names}; the library ends at {end_um:.0} µm"
+            "wear of at least {least:.0} µm with 95 % probability from channels {names}; the library ends at {end_um:.0} µm"
         );
         (WearStatus::Estimated, reason)
     } else {
         let reason = format!(
-            "wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability from channels {names}"
+            "wear {median:.0} µm, between {low:.0} and {high:.0} µm with 90 % probability from channels {names}"
         );
         (WearStatus::Estimated, reason)
     };
@@ -306,9 +307,9 @@ fn mix(latest: &[(&str, &WearEstimate)], wear: &mut WearEstimate) {
     wear.transmission_error_um =
         hull(estimated.iter().filter_map(|(_, other)| other.transmission_error_um), part);
     wear.mean_um = Some(grid.mean_um(&mixture.probability));
-    (wear.p05_um, wear.p25_um, wear.median_um) = (Some(p05), Some(p25), Some(median));
-    (wear.p75_um, wear.p95_um) = (Some(p75), Some(p95));
-    wear.at_least_um = at_end.then_some(p05);
+    (wear.low_um, wear.p25_um, wear.median_um) = (Some(low), Some(p25), Some(median));
+    (wear.p75_um, wear.high_um) = (Some(p75), Some(high));
+    wear.at_least_um = at_end.then_some(least);
     wear.posterior = Some(mixture);
 }
 

@@ -140,7 +140,7 @@ pub struct Posterior {
     pub probability: Vec<f64>,
 }
 
-/// Greatest wear depth over the flank with its 5 % to 95 % interval, or the reason why there is none.
+/// Greatest wear depth over the flank with its 90 % interval, or the reason why there is none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct WearEstimate {
@@ -159,18 +159,18 @@ pub struct WearEstimate {
     /// Mean wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_um: Option<f64>,
-    /// 5 % quantile of wear depth in µm.
+    /// Lower end in µm of the interval that contains the wear depth with 90 % probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub p05_um: Option<f64>,
+    pub low_um: Option<f64>,
     /// 25 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p25_um: Option<f64>,
     /// 75 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p75_um: Option<f64>,
-    /// 95 % quantile of wear depth in µm.
+    /// Upper end in µm of this interval; the 95 % quantile if it begins at 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub p95_um: Option<f64>,
+    pub high_um: Option<f64>,
     /// Transmission error that the wear adds under load, peak to peak in µm along the line of action. This is
     /// what the mesh lines respond to, similar for wear shapes whose greatest depths differ by a factor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -252,10 +252,10 @@ impl WearEstimate {
             baseline,
             median_um: None,
             mean_um: None,
-            p05_um: None,
+            low_um: None,
             p25_um: None,
             p75_um: None,
-            p95_um: None,
+            high_um: None,
             transmission_error_um: None,
             at_least_um: None,
             above_limit: None,

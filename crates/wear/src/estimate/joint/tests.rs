@@ -36,7 +36,7 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
     let mut wear = answer(WearStatus::Estimated, 0.5);
     wear.library_id = Some("library".to_owned());
     wear.posterior = Some(Posterior { wear_um, probability });
-    (wear.p05_um, wear.median_um, wear.p95_um) =
+    (wear.low_um, wear.median_um, wear.high_um) =
         (Some(low_um), Some(0.5 * (low_um + high_um)), Some(high_um));
     wear.above_limit = Some(if low_um > 10.0 { 1.0 } else { 0.0 });
     wear
@@ -120,11 +120,11 @@ fn no_depth_is_claimed_where_one_channel_is_outside_the_library() {
     let (calm, novel) = (estimated(0.0, 2.0), answer(WearStatus::OutsideLibrary, 1e-12));
     let joint = JointEstimate::of(&[("a1", &calm), ("a2", &novel)]).unwrap();
     assert_eq!((joint.leading, joint.wear.status), (1, WearStatus::OutsideLibrary));
-    assert_eq!((joint.wear.median_um, joint.wear.p95_um), (None, None));
+    assert_eq!((joint.wear.median_um, joint.wear.high_um), (None, None));
     assert_eq!(joint.wear.reason, "channel a2: reason");
     let parts: Vec<_> = joint.channels.iter().map(|part| (part.channel.as_str(), part.status)).collect();
     assert_eq!(parts, [("a1", WearStatus::Estimated), ("a2", WearStatus::OutsideLibrary)]);
-    assert_eq!(joint.channels[0].p95_um, Some(2.0));
+    assert_eq!(joint.channels[0].high_um, Some(2.0));
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn depths_of_channels_are_mixed() {
     assert_eq!(same.median_um, Some(alone.quantile_um(&thin.posterior.as_ref().unwrap().probability, 0.5)));
     let joint = JointEstimate::of(&[("a1", &thin), ("a2", &unclear), ("a3", &thick)]).unwrap().wear;
     assert_eq!((joint.status, joint.above_limit), (WearStatus::Estimated, Some(0.5)));
-    assert!(joint.p05_um.unwrap() < 1.5 && joint.p95_um.unwrap() > 27.0, "{joint:?}");
+    assert!(joint.low_um.unwrap() < 1.5 && joint.high_um.unwrap() > 27.0, "{joint:?}");
     assert!(joint.reason.ends_with("from channels a1, a3"), "{}", joint.reason);
     let far = estimated(80.0, 89.0);
     let joint = JointEstimate::of(&[("a1", &thin), ("a2", &far)]).unwrap().wear;
@@ -199,7 +199,7 @@ fn a_silent_channel_is_named_and_not_included() {
     let (near, far) = (estimated(10.0, 20.0), estimated(40.0, 60.0));
     let mut joint = JointEstimate::of(&[("near", &near)]).unwrap();
     joint.add_silent_channel("far", &far, Timestamp::from_second(0).unwrap());
-    assert_eq!((joint.wear.p05_um, joint.wear.p95_um), (near.p05_um, near.p95_um));
+    assert_eq!((joint.wear.low_um, joint.wear.high_um), (near.low_um, near.high_um));
     assert!(joint.wear.reason.ends_with("channel far is not included: no record since 1970-01-01T00:00:00Z"));
     assert_eq!(joint.channels[1].silent_since, Timestamp::from_second(0).ok());
     assert_eq!(joint.channels[0].silent_since, None);

@@ -70,36 +70,37 @@ impl Tracker {
         let library = ensemble.described();
         let probability = posterior.by_depth();
         let quantile = |level| self.grid.quantile_um(&probability, level);
-        let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
+        let ([low, high], median) = (self.grid.interval_um(&probability), quantile(0.5));
+        let least = quantile(0.05);
         let end_um = library.max_wear_um();
-        let at_end = p95 >= self.grid.cell_um(DEPTHS - 2)[0];
-        let (status, reason) = if p95 - p05 > MAX_INTERVAL_PART * end_um {
+        let at_end = high >= self.grid.cell_um(DEPTHS - 2)[0];
+        let (status, reason) = if high - low > MAX_INTERVAL_PART * end_um {
             (
                 WearStatus::NotIdentifiable,
-                format!("any wear between {p05:.0} and {p95:.0} µm explains the records"),
+                format!("any wear between {low:.0} and {high:.0} µm explains the records"),
             )
         } else if at_end {
             (
                 WearStatus::Estimated,
                 format!(
-                    "wear of at least {p05:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"
+                    "wear of at least {least:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"
                 ),
             )
         } else {
             (
                 WearStatus::Estimated,
-                format!("wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability"),
+                format!("wear {median:.0} µm, between {low:.0} and {high:.0} µm with 90 % probability"),
             )
         };
         let (member, depth) = likelihood.best;
         let mut answer = self.without_depth(status, self.settings.baseline_records, &reason);
         answer.median_um = Some(median);
         answer.mean_um = Some(self.grid.mean_um(&probability));
-        answer.p05_um = Some(p05);
+        answer.low_um = Some(low);
         answer.p25_um = Some(quantile(0.25));
         answer.p75_um = Some(quantile(0.75));
-        answer.p95_um = Some(p95);
-        answer.at_least_um = at_end.then_some(p05);
+        answer.high_um = Some(high);
+        answer.at_least_um = at_end.then_some(least);
         answer.transmission_error_um = transmission_error(ensemble, &posterior.joint);
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
         answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
@@ -168,9 +169,29 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
 
 /// The features that deviate most, in words.
 fn largest_deviations(novelty: &Novelty) -> String {
-    let factor = |d: &FeatureDeviation| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp());
+    let factor = |d: &FeatureDeviation| {
+        format!("{} by a factor of {:.2}", feature_words(&d.feature), d.ln_ratio.exp())
+    };
     let factors: Vec<String> = novelty.most.iter().map(factor).collect();
     format!("largest deviations: {}", factors.join(", "))
+}
+
+/// A feature in words, as `vibration around 4000 Hz` for `ln_band_4000hz`.
+fn feature_words(name: &str) -> String {
+    let short = name.strip_prefix("ln_").unwrap_or(name);
+    let (kind, place) = short.split_once('_').unwrap_or((short, ""));
+    let centre = place.strip_suffix("hz");
+    match (kind, centre) {
+        ("band", Some(hz)) => format!("vibration around {hz} Hz"),
+        ("rest", Some(hz)) => format!("vibration between the mesh lines around {hz} Hz"),
+        ("floor", Some(hz)) => format!("noise floor around {hz} Hz"),
+        ("mesh", None) => format!("mesh {place}×"),
+        ("sideband", None) => format!("sidebands of {place}×"),
+        ("env", None) => format!("envelope of {place}×"),
+        ("shaft", None) => format!("shaft {place}×"),
+        ("rms", None) => "RMS".to_owned(),
+        _ => short.replace('_', " "),
+    }
 }
 
 /// The library state whose depth is nearest to `wear_um`.
@@ -178,4 +199,23 @@ fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
     let distance = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
     let index = (0..library.states().len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
     BestState { index, wear_um: library.states()[index].wear_um, member }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::feature_words;
+
+    #[test]
+    fn features_are_named_in_words() {
+        for (name, words) in [
+            ("ln_mesh_3", "mesh 3×"),
+            ("ln_env_2", "envelope of 2×"),
+            ("ln_band_4000hz", "vibration around 4000 Hz"),
+            ("ln_floor_500hz", "noise floor around 500 Hz"),
+            ("ln_rms", "RMS"),
+            ("kurtosis", "kurtosis"),
+        ] {
+            assert_eq!(feature_words(name), words);
+        }
+    }
 }

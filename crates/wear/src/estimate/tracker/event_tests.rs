@@ -113,7 +113,7 @@ fn wear_restarts_after_a_replaced_gear_and_continues_after_a_replaced_sensor() {
             assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
         }
         let after = at(&mut state, truth, &mut rng);
-        let (low, high) = (after.p05_um.unwrap(), after.p95_um.unwrap());
+        let (low, high) = (after.low_um.unwrap(), after.high_um.unwrap());
         assert!(low <= truth && truth <= high, "{kind:?} before {before}: {}", after.reason);
     }
 }
@@ -149,7 +149,7 @@ fn an_inspection_narrows_the_interval_around_the_measured_depth() {
     };
     tracker.event(&mut state, &event);
     let after = take(&mut state, NEED + 60, 60.0);
-    let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
+    let width = |wear: &WearEstimate| wear.high_um.unwrap() - wear.low_um.unwrap();
     assert!(width(&after) < width(&before), "{} {}", after.reason, before.reason);
     assert!((after.median_um.unwrap() - 60.0).abs() < 6.0, "{}", after.reason);
 }

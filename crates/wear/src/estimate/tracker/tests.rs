@@ -73,8 +73,8 @@ fn the_baseline_is_counted_and_no_depth_is_claimed_meanwhile() {
     }
     let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
     assert_eq!(wear.status, WearStatus::Estimated);
-    assert!(wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0, "{}", wear.reason);
-    let quantiles = [wear.p05_um, wear.p25_um, wear.median_um, wear.p75_um, wear.p95_um].map(Option::unwrap);
+    assert!(wear.low_um.unwrap() <= 2.0 && wear.high_um.unwrap() < 40.0, "{}", wear.reason);
+    let quantiles = [wear.low_um, wear.p25_um, wear.median_um, wear.p75_um, wear.high_um].map(Option::unwrap);
     assert!(quantiles.is_sorted() && quantiles[1] < quantiles[3], "{quantiles:?}");
 }
 
@@ -87,7 +87,7 @@ fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() 
     for seed in 0..5 {
         for (wear, truth) in run(&library, 200, seed) {
             error_um += (wear.median_um.unwrap() - truth).abs();
-            covered += usize::from((wear.p05_um.unwrap()..=wear.p95_um.unwrap()).contains(&truth));
+            covered += usize::from((wear.low_um.unwrap()..=wear.high_um.unwrap()).contains(&truth));
             count += 1;
         }
     }
@@ -393,7 +393,7 @@ fn far_from_the_described_speed_intervals_widen_until_records_are_rejected() {
             tracker.update(&mut state, Timestamp::UNIX_EPOCH, &at(part, 120.0, &mut rng))
         })
         .into();
-    let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
+    let width = |wear: &WearEstimate| wear.high_um.unwrap() - wear.low_um.unwrap();
     assert!(width(&worn[1]) > 1.1 * width(&worn[0]), "{} and {}", worn[0].reason, worn[1].reason);
     let caveat = "; less certain because the shaft speed is 0.80 times the described one";
     assert!(

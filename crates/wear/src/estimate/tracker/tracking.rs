@@ -281,8 +281,9 @@ impl Tracker {
         }
         let mut answer = self.answer(ensemble, &posterior, &likelihood);
         let best_um = self.grid.depths_um()[likelihood.best.1];
-        let is_outside = answer.p05_um.is_some_and(|low| best_um < low)
-            || answer.p95_um.is_some_and(|high| best_um > high);
+        let by_depth = posterior.by_depth();
+        let [low_um, high_um] = [0.05, 0.95].map(|level| self.grid.quantile_um(&by_depth, level));
+        let is_outside = best_um < low_um || best_um > high_um;
         tracking.disagreeing = counted(tracking.disagreeing, is_outside);
         let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
         if is_disputed {
@@ -297,7 +298,7 @@ impl Tracker {
         if let Some(limit_um) = self.settings.limit_um {
             answer.prognosis =
                 prognosis(&posterior.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
-            answer.above_limit = Some(self.grid.probability_above(&posterior.by_depth(), limit_um));
+            answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
         }
         answer.novelty = Some(novelty);
         answer
