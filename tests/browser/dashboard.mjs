@@ -11,6 +11,7 @@
 // of the start of the asset's run (optional)
 // FLANKWATCH_PAGES: a folder of pages to use instead of those built into the server
 // FLANKWATCH_SHOTS: a folder for screenshots (optional)
+// FLANKWATCH_DELAY_MS: longest random wait before each request of a page for data (optional)
 // FLANKWATCH_ONLY: run only checks whose file and name ("fleet: 500 assets") contain this, or one of several
 // texts separated by "|"
 

@@ -20,6 +20,9 @@ export const PHONE = { viewport: { width: 390, height: 844 }, colorScheme: "dark
 /** Limit of every wait: what is awaited comes within seconds, but a busy machine may need far longer. */
 const PATIENCE = 120_000;
 
+/** Longest wait before each request for data, to find checks that depend on the order of answers. */
+const DELAY_MS = Number(process.env.FLANKWATCH_DELAY_MS ?? 0);
+
 const ARGUMENTS = [
   "--no-sandbox",
   "--disable-gpu",
@@ -39,7 +42,16 @@ export const browser = await chromium.launch({
 export async function newContext(options = {}) {
   const context = await browser.newContext(options);
   context.setDefaultTimeout(PATIENCE);
+  if (DELAY_MS) await delayAnswers(context);
   return context;
+}
+
+/** Sends each request for data after a random wait, so that answers come late and in another order. */
+async function delayAnswers(context) {
+  await context.route(/\/v1\//, async (route) => {
+    await new Promise((done) => setTimeout(done, Math.random() * DELAY_MS));
+    await route.continue().catch(() => {}); // the page may be closed
+  });
 }
 
 /**
