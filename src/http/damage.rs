@@ -17,8 +17,8 @@ pub(super) async fn layer(State(app): State<App>, request: Request, next: Next) 
         return Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail).into_response();
     }
     let response = next.run(request).await;
-    if let Some(DamageFound(what)) = response.extensions().get() {
-        store.note_damage(what.clone());
+    if let Some(DamageFound(found)) = response.extensions().get() {
+        store.note_damage(found);
     }
     response
 }

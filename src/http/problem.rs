@@ -8,7 +8,7 @@ use crate::asset::AssetError;
 use crate::estimate::AlarmError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
-use crate::store::StoreError;
+use crate::store::{FoundDamage, StoreError};
 
 /// The media type of problem details.
 const MEDIA_TYPE: &str = "application/problem+json";
@@ -48,7 +48,7 @@ pub(super) struct Details {
     #[serde(skip)]
     retry_after_s: Option<u32>,
     #[serde(skip)]
-    damage: Option<String>,
+    damage: Option<FoundDamage>,
     /// Whether the disk failed, and not the request.
     #[serde(skip)]
     is_of_disk: bool,
@@ -56,7 +56,7 @@ pub(super) struct Details {
 
 /// Marks an answer that reports damage to the database file.
 #[derive(Debug, Clone)]
-pub(super) struct DamageFound(pub(super) String);
+pub(super) struct DamageFound(pub(super) FoundDamage);
 
 fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_u16(status.as_u16())
@@ -216,10 +216,9 @@ impl From<StoreError> for Problem {
             StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
             StoreError::DatabaseDamaged { .. } => StatusCode::SERVICE_UNAVAILABLE,
             error if error.is_damage() => {
-                let found = error.to_string();
                 let mut problem = Self::internal(error);
-                problem.0.detail = format!("the database is damaged: {found}");
-                problem.0.damage = Some(found);
+                problem.0.detail = format!("the database is damaged: {error}");
+                problem.0.damage = error.found_damage();
                 return problem;
             }
             error if error.is_full() => {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use super::integrity::FoundDamage;
 use crate::asset::AssetId;
 
 /// Why a store operation failed.
@@ -177,6 +178,17 @@ impl StoreError {
             }
             _ => false,
         }
+    }
+
+    /// The damage that the error reports; `None` for other errors.
+    pub fn found_damage(&self) -> Option<FoundDamage> {
+        let is_of_pages = match self {
+            Self::Database(sqlx::Error::Database(error)) => {
+                error.code().is_some_and(|code| is_damage_code(&code))
+            }
+            _ => false,
+        };
+        self.is_damage().then(|| FoundDamage { what: self.to_string(), is_of_pages })
     }
 
     /// Whether a raw object is lost or damaged.

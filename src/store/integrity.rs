@@ -2,8 +2,8 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use sqlx::{AnyConnection, Connection, Row};
@@ -21,26 +21,83 @@ const HEADER: &[u8; 16] = b"SQLite format 3\0";
 /// Maximum number of reported findings; one damaged page can give thousands.
 const MAX_FINDINGS: usize = 3;
 
+/// Number of checks that find damage before a statement's report counts as confirmed: a disk that fails for a
+/// moment can spoil a check too.
+const CONFIRMING_CHECKS: u32 = 3;
+
+/// Pause between two checks of reported damage.
+const CHECK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Damage of a database that a statement reported.
+#[derive(Debug, Clone)]
+pub struct FoundDamage {
+    /// What the statement reported.
+    pub what: String,
+    /// Whether a check of the file's pages can confirm it; a table or a value that cannot be read needs none.
+    pub is_of_pages: bool,
+}
+
 /// The known damage of a database; none by default.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Damage {
-    found: Arc<OnceLock<String>>,
+    found: Arc<Mutex<Option<String>>>,
 }
 
 impl Damage {
-    pub(super) fn get(&self) -> Option<&str> {
-        self.found.get().map(String::as_str)
+    pub(super) fn get(&self) -> Option<String> {
+        self.found().clone()
     }
 
-    pub(super) fn note(&self, what: String) {
-        if self.found.set(what).is_ok() {
-            let what = self.get().unwrap_or_default();
-            tracing::error!(
-                what,
-                "the database is damaged: stopped writing to it; repair it with `flankwatch restore` or `flankwatch rebuild`"
-            );
+    fn found(&self) -> MutexGuard<'_, Option<String>> {
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Records damage, unless some is known already. Returns whether this is the first.
+    fn set(&self, what: &str) -> bool {
+        let mut found = self.found();
+        let is_first = found.is_none();
+        found.get_or_insert_with(|| what.to_owned());
+        is_first
+    }
+
+    pub(super) fn note(&self, what: &str) {
+        if self.set(what) {
+            report(what);
         }
     }
+
+    /// Stops writing until a check of the whole database, in the background, shows whether it is damaged.
+    /// SQLite can also report damage when the disk has failed to read or write a page.
+    pub(super) fn note_until_checked(&self, what: &str, path: PathBuf) {
+        if !self.set(what) {
+            return;
+        }
+        tracing::warn!(what, "SQLite reports a damaged database: stopped writing to it until it is checked");
+        let damage = self.clone();
+        tokio::spawn(async move {
+            let mut confirmations = 0;
+            while confirmations < CONFIRMING_CHECKS {
+                match findings_of(&path).await {
+                    Ok(found) if found.is_empty() => {
+                        tracing::info!("the check of the database found no damage: writing to it again");
+                        *damage.found() = None;
+                        return;
+                    }
+                    Ok(_) => confirmations += 1,
+                    Err(error) => tracing::warn!(%error, "failed to check the database"),
+                }
+                tokio::time::sleep(CHECK_INTERVAL).await;
+            }
+            report(&damage.get().unwrap_or_default());
+        });
+    }
+}
+
+fn report(what: &str) {
+    tracing::error!(
+        what,
+        "the database is damaged: stopped writing to it; repair it with `flankwatch restore` or `flankwatch rebuild`"
+    );
 }
 
 /// Returns an error if a file is not an SQLite database at all.
@@ -68,7 +125,7 @@ pub(super) async fn check_pages(path: &Path, mut connection: AnyConnection) -> R
         connection.close().await?;
         match found {
             Ok(found) if found.is_empty() => {}
-            Ok(found) => noted.note(found.join("; ")),
+            Ok(found) => noted.note(&found.join("; ")),
             Err(error) => return Err(error),
         }
         Ok::<_, sqlx::Error>(())
@@ -124,4 +181,50 @@ pub(super) async fn findings(
 /// The error of a damaged database.
 pub(super) fn damaged(path: &Path, what: String) -> StoreError {
     StoreError::DatabaseDamaged { path: path.display().to_string(), what }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::database::Database;
+    use super::*;
+
+    /// Waits until a condition holds.
+    async fn until(is_so: impl Fn() -> bool) {
+        tokio::time::timeout(Duration::from_secs(60), async {
+            while !is_so() {
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+        })
+        .await
+        .expect("within a minute");
+    }
+
+    #[tokio::test]
+    async fn reported_damage_of_pages_counts_until_the_file_is_checked() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = Database::open_folder(folder.path()).await.unwrap();
+        let path = database.path.clone().unwrap();
+        let Database { damage, .. } = &database;
+        damage.note_until_checked("a page that the disk did not read", path.clone());
+        assert!(damage.get().is_some(), "nothing is written during the check");
+        until(|| damage.get().is_none()).await;
+
+        database.close().await;
+        // The kind of every page but the first.
+        let mut bytes = std::fs::read(&path).unwrap();
+        for page in (4096..bytes.len()).step_by(4096) {
+            bytes[page] = 0xff;
+        }
+        std::fs::write(&path, bytes).unwrap();
+        damage.note_until_checked("a damaged page", path.clone());
+        let checks = Duration::from_secs(2) + CHECK_INTERVAL * CONFIRMING_CHECKS;
+        tokio::time::sleep(checks).await;
+        assert_eq!(damage.get().as_deref(), Some("a damaged page"));
+
+        // A value that cannot be read is no matter of the pages.
+        let damage = Damage::default();
+        damage.note("no such table");
+        damage.note_until_checked("a damaged page", path);
+        assert_eq!(damage.get().as_deref(), Some("no such table"));
+    }
 }

@@ -73,6 +73,7 @@ pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
 pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
+pub use integrity::FoundDamage;
 pub use journal_entry::JournalEntry;
 pub use keyed_uploads::KeyedUpload;
 pub use latest_records::LatestRecord;
@@ -223,13 +224,18 @@ impl Store {
     }
 
     /// The known damage of the database, after which nothing is written to it; `None` if no damage is known.
-    pub fn damage(&self) -> Option<&str> {
+    pub fn damage(&self) -> Option<String> {
         self.inner.database.damage.get()
     }
 
-    /// Records damage of the database file that a statement reported.
-    pub fn note_damage(&self, what: String) {
-        self.inner.database.damage.note(what);
+    /// Records damage of the database file that a statement reported. Damage of its pages counts until a check
+    /// of the file shows that there is none. Must be called inside a Tokio runtime.
+    pub fn note_damage(&self, found: &FoundDamage) {
+        let Database { damage, path, .. } = &self.inner.database;
+        match path {
+            Some(path) if found.is_of_pages => damage.note_until_checked(&found.what, path.clone()),
+            _ => damage.note(&found.what),
+        }
     }
 
     /// Opens the raw objects of a store without its database. Must be called inside a Tokio runtime.

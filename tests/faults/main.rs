@@ -1,6 +1,7 @@
 //! What remains after kills, failing disks and full disks.
 #![cfg(test)]
 
+mod failing_calls;
 mod failing_database;
 mod forgetful_disk;
 mod full_disk;

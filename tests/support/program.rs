@@ -39,7 +39,7 @@ impl Program {
         Self::start_by(command, folder, &[])
     }
 
-    fn start_by(mut command: Command, folder: &Path, options: &[&str]) -> Self {
+    pub(crate) fn start_by(mut command: Command, folder: &Path, options: &[&str]) -> Self {
         let mut child = command
             .args(["serve", "--data-dir"])
             .arg(folder)
