@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import {
   asset,
   close,
+  counted,
   createAsset,
   drawn,
   json,
@@ -176,7 +177,7 @@ export const CHECKS = {
       .getByText(`30 ± 40 µm, driven gear, at the root, ${shownTime(time)}, entered by Grace`)
       .waitFor();
     await page.locator('[data-plot="wear"] .legend', { hasText: "± standard error" }).waitFor();
-    assert.equal(await page.locator('[data-plot="wear"] .errorbar').count(), 1);
+    await counted(page.locator('[data-plot="wear"] .errorbar'), 1);
     await page.locator('[data-plot="wear"] .annotation-text', { hasText: "30 ± 40 µm" }).waitFor();
     await page.locator('[data-plot="trends"] .annotation-text', { hasText: "Wear measured" }).waitFor();
     // an opaque label would look like a gap in the line below it

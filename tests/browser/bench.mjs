@@ -5,6 +5,7 @@ import {
   asset,
   base,
   close,
+  counted,
   createAsset,
   drawn,
   json,
@@ -512,7 +513,7 @@ export const CHECKS = {
     await stop.waitFor();
     await page.getByLabel("Playback speed").selectOption("0.5");
     await page.getByRole("button", { name: /^Listen to: / }).click();
-    assert.equal(await stop.count(), 1, "one at a time");
+    await counted(stop, 1); // one at a time
     await stop.click();
     await stop.waitFor({ state: "detached" });
     const { peak, mean } = await page.evaluate(async () => {

@@ -7,6 +7,7 @@ import {
   asset,
   base,
   close,
+  counted,
   createAsset,
   json,
   noSidewaysScrolling,
@@ -77,7 +78,7 @@ export const CHECKS = {
     ]);
     await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
     await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
-    // the values for all files unfold by themselves once all files are inspected
+    // the values for all files unfold by themselves, as the rate is missing
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
     await page.getByLabel("Unit", { exact: true }).fill("m/s2");
     await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
@@ -145,7 +146,7 @@ export const CHECKS = {
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
     await card(page, "pump_20260301").getByText("from the file name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
-    assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
+    await counted(card(page, "two.wav").locator("svg.sketch"), 2); // a waveform of each channel
     await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
     await card(page, "run.mcap").getByText("no summary at the end of the file").waitFor();
     await card(page, "export.mcap")
@@ -167,7 +168,7 @@ export const CHECKS = {
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
-    assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
+    await counted(card(page, "two.mat").locator("svg.sketch"), 2); // a waveform of each channel
     await card(page, "broken.wav").getByText("It does not start like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
@@ -246,7 +247,7 @@ export const CHECKS = {
     await page.getByRole("progressbar", { name: "Upload of b_20260401_090000.wav" }).waitFor();
     go[1]();
     await good(page, "b_20260401_090000.wav: record of");
-    assert.equal(await page.locator(".results progress").count(), 0);
+    await counted(page.locator(".results progress"), 0);
     await end(opened, name);
   },
 
@@ -316,7 +317,7 @@ export const CHECKS = {
       await page.getByLabel("Pace").selectOption("max");
       await start.click();
       await page.locator('.replays li[data-state="finished"]').getByText("6 of 6 records").waitFor();
-      assert.equal(await item.count(), 2);
+      await counted(item, 2);
       assert.equal((await json(`assets/${id}`)).summary.segments, 6);
       await end(opened, name);
     },
@@ -559,7 +560,7 @@ export const CHECKS = {
     await page.unroute("**/csv-preview*");
     assert.equal(await file.getByLabel("Unit of in of").inputValue(), "g");
     await file.getByLabel("Name of out of").fill("gear-side");
-    await page.locator("summary", { hasText: "sampling rate" }).click();
+    // the values for all files unfold by themselves, as the rate is missing
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("2560.5");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await file.getByText("CSV · 2 channels · 2560.5 Hz (entered)").waitFor();

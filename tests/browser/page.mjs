@@ -100,6 +100,13 @@ export async function shoot(page, name) {
     await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
 }
 
+/** Waits until so many elements match. */
+export async function counted(locator, count) {
+  const until = Date.now() + PATIENCE;
+  while ((await locator.count()) !== count && Date.now() < until) await locator.page().waitForTimeout(50);
+  assert.equal(await locator.count(), count);
+}
+
 /** Waits until a plot is drawn. */
 export const drawn = (page, kind) =>
   page.locator(`[data-plot="${kind}"] .plot .main-svg`).first().waitFor({ state: "visible" });

@@ -69,6 +69,7 @@ export const CHECKS = {
       page.context().waitForEvent("page"),
       page.getByRole("link", { name: "Report" }).click(),
     ]);
+    await report.waitForLoadState();
     await report.locator("h2", { hasText: "Wear depth" }).waitFor();
     assert.ok((await report.locator("figure svg").count()) >= 5);
     await report.close();

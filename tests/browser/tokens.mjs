@@ -45,7 +45,7 @@ export const CHECKS = guarded && {
 
     const other = await logIn("#/tokens", made);
     await other.getByText("has scope read, expected admin").waitFor();
-    assert.ok(await other.locator("#tokens-link").isHidden());
+    await other.locator("#tokens-link").waitFor({ state: "hidden" });
     await other.context().close();
 
     page.on("dialog", (dialog) => dialog.accept());

@@ -5,6 +5,7 @@ import {
   asset,
   base,
   close,
+  counted,
   createAsset,
   drawn,
   json,
@@ -54,8 +55,7 @@ export const CHECKS = {
       (await readout.textContent()).includes(`${Number(strongest.toPrecision(3))}`),
       await readout.textContent(),
     );
-    const lines = page.locator('[data-plot="waterfall"] .cursor-line');
-    assert.equal(await lines.count(), 2);
+    await counted(page.locator('[data-plot="waterfall"] .cursor-line'), 2);
     await page.locator("#waterfall-cursor").selectOption("s");
     await readout.getByText("Sidebands: centre order 24").waitFor();
     await close(opened, name);

@@ -100,6 +100,11 @@ impl Analyzer {
         analysis
     }
 
+    /// Finds the shaft speed of a record, as [`analyze`](Self::analyze) does; `None` if it is not known.
+    pub fn shaft_speed(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> Option<ShaftSpeed> {
+        self.locate(record, mesh).1.speed
+    }
+
     /// Transforms a record and locates the mesh comb in its spectrum.
     pub(super) fn locate(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> (Moments, LocatedMesh) {
         let work = &mut self.work;

@@ -111,7 +111,7 @@ export class ImportDesk {
           this.#asset,
           () => this.#values.common(),
           (card) => this.#remove(card),
-          () => this.#compare(),
+          () => this.#showChange(),
         ),
     );
     this.#files.push(...cards);
@@ -120,7 +120,6 @@ export class ImportDesk {
     for (const card of cards) await card.look();
     this.#fold(cards);
     if (this.#files.some(({ lacksUnit }) => lacksUnit)) await this.#values.askForUnit(this.#asset);
-    if (cards.some(({ seen }) => seen?.lacksRate)) this.#values.element.open = true;
     this.#offer(); // files not inspected yet are not sent
   }
 
@@ -161,6 +160,12 @@ export class ImportDesk {
         ? `${count(all)} ${all === 1 ? "file" : "files"} read: ${records(this.#batch.size)} added${refused}.`
         : `${count(done)} of ${count(all)} files uploaded${refused}…`,
     );
+  }
+
+  /** After an inspection or an entry: asks for a missing sampling rate, and compares the files. */
+  #showChange() {
+    if (this.#files.some(({ seen }) => seen?.lacksRate)) this.#values.element.open = true;
+    this.#compare();
   }
 
   /** Marks the files whose records would have the same start and channel. */

@@ -406,7 +406,11 @@ export class StreamPage {
 
   #showValues(frame, channel) {
     const inUnit = (value) => `${number(value, 3)} ${unit(frame.unit)}`.trim();
-    const from = { stream: "from the stream", asset: "nominal speed of the asset" }[frame.shaft_speed_source];
+    const from = {
+      stream: "from the stream",
+      spectrum: "detected from the spectrum",
+      asset: "nominal speed of the asset",
+    }[frame.shaft_speed_source];
     const values = [
       ["RMS", inUnit(channel.rms), "rms"],
       ["Peak", inUnit(channel.peak), "peak"],

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::asset::AssetSpec;
 use crate::recording::stream::StreamFormat;
 use crate::service::workers::with_analyzer;
-use crate::signal::{OperatingPoint, Record, reduction};
+use crate::signal::{OperatingPoint, Record, SpeedSource, reduction};
 
 /// Seconds of samples for a spectrum, and the minimum and maximum number of samples of a channel.
 const SPECTRUM_S: f64 = 1.0;
@@ -57,6 +57,8 @@ pub struct LiveFrame {
 pub enum LiveSpeedSource {
     /// The sender of the stream.
     Stream,
+    /// The lines of the mesh, or of a shaft without one, in the spectrum of a channel.
+    Spectrum,
     /// The asset's description: its nominal speed.
     Asset,
 }
@@ -108,8 +110,7 @@ impl LatestSamples {
         let samples = self.bytes.len() / self.format.frame_bytes();
         let unit = self.format.unit.clone().or_else(|| asset.sensor.unit.clone());
         let unit = unit.unwrap_or_else(|| "1".to_owned());
-        let (speed_hz, source) = self.speed(asset);
-        let teeth = asset.gear.as_ref().map(|gear| f64::from(gear.teeth[0]));
+        let (speed_hz, source) = self.described_speed(asset);
         let mut frame = LiveFrame {
             next: self.end(),
             time: self.time,
@@ -120,20 +121,28 @@ impl LatestSamples {
             scope_samples: samples.div_ceil(SCOPE_PART) as u64,
             shaft_speed_hz: speed_hz,
             shaft_speed_source: source,
-            mesh_frequency_hz: speed_hz.zip(teeth).map(|(speed_hz, teeth)| speed_hz * teeth),
+            mesh_frequency_hz: None,
             channels: Vec::with_capacity(channels),
         };
         let all: Vec<f32> = self.format.values(&self.bytes).collect();
         for n in 0..channels {
             let values: Vec<f32> = all.iter().skip(n).step_by(channels).copied().collect();
             let name = self.format.channel_names.get(n).cloned().unwrap_or_else(|| (n + 1).to_string());
-            let channel = self.channel(name, values, &mut frame);
+            let channel = self.channel(name, values, asset, &mut frame);
             frame.channels.push(channel);
         }
+        let teeth = asset.gear.as_ref().map(|gear| f64::from(gear.teeth[0]));
+        frame.mesh_frequency_hz = frame.shaft_speed_hz.zip(teeth).map(|(speed_hz, teeth)| speed_hz * teeth);
         frame
     }
 
-    fn channel(&self, name: String, values: Vec<f32>, frame: &mut LiveFrame) -> LiveChannel {
+    fn channel(
+        &self,
+        name: String,
+        values: Vec<f32>,
+        asset: &AssetSpec,
+        frame: &mut LiveFrame,
+    ) -> LiveChannel {
         let (mut squares, mut valid, mut peak) = (0.0, 0_usize, 0.0_f32);
         for value in values.iter().filter(|value| value.is_finite()) {
             squares += f64::from(*value) * f64::from(*value);
@@ -171,12 +180,19 @@ impl LatestSamples {
             let kept = reduction::peaks(&spectrum.amplitude, points(&SPECTRUM_POINTS));
             channel.amplitude = kept.iter().map(|bin| rounded(spectrum.amplitude[*bin])).collect();
             channel.bin = kept.into_iter().map(|bin| bin as u32).collect();
+            // The first channel with clear lines has the speed.
+            if matches!(frame.shaft_speed_source, None | Some(LiveSpeedSource::Asset))
+                && let Some(speed_hz) = detected_speed(&record, asset)
+            {
+                frame.shaft_speed_hz = Some(speed_hz);
+                frame.shaft_speed_source = Some(LiveSpeedSource::Spectrum);
+            }
         }
         channel
     }
 
-    /// The speed of the shaft that drives the mesh, and its source.
-    fn speed(&self, asset: &AssetSpec) -> (Option<f64>, Option<LiveSpeedSource>) {
+    /// The speed of the shaft that drives the mesh from the sender or the description, and its source.
+    fn described_speed(&self, asset: &AssetSpec) -> (Option<f64>, Option<LiveSpeedSource>) {
         let turns = asset.gear.as_ref().map_or(1.0, |gear| gear.driving_shaft_turns());
         let nominal_hz = asset.mesh_context().nominal_shaft_speed_hz;
         match self.operating_point.shaft_speed_hz {
@@ -185,6 +201,16 @@ impl LatestSamples {
             None => (None, None),
         }
     }
+}
+
+/// The speed of the shaft that drives the mesh from the lines of a record, if they are clear.
+fn detected_speed(record: &Record, asset: &AssetSpec) -> Option<f64> {
+    let samples = record.samples().len();
+    let speed = with_analyzer(samples, |analyzer| analyzer.shaft_speed(record, &asset.mesh_context()))?;
+    let is_detected = matches!(speed.source, SpeedSource::MeshComb | SpeedSource::ShaftLines);
+    // A second of samples shows fewer lines than a record: half of them is not chance.
+    let is_clear = 2 * speed.harmonics_found >= speed.harmonics_sought && speed.doubt.is_none();
+    (is_detected && is_clear).then_some(speed.shaft_speed_hz)
 }
 
 /// Rounds to four significant digits: more are not visible and cost bandwidth.
@@ -255,9 +281,23 @@ mod tests {
         }
     }
 
+    /// Ten harmonics of a mesh of 20 teeth at 14.8 turns a second, in noise.
+    fn mesh(n: usize) -> f32 {
+        let noise = ((n * 7919 + n * n * 104_729) % 1000) as f32 / 1000.0 - 0.5;
+        noise + (1..=10).map(|order| sine(n, 296.0 * f64::from(order), 1.0)).sum::<f32>()
+    }
+
+    #[test]
+    fn the_speed_is_detected_from_the_lines_of_any_channel() {
+        let frame = latest(2, (0..20_000).flat_map(|n| [sine(n, 1234.0, 3.0), mesh(n)])).frame(&asset());
+        assert_eq!(frame.shaft_speed_source, Some(LiveSpeedSource::Spectrum));
+        assert!((frame.shaft_speed_hz.unwrap() - 14.8).abs() < 0.005, "{:?}", frame.shaft_speed_hz);
+        assert!((frame.mesh_frequency_hz.unwrap() - 296.0).abs() < 0.1);
+    }
+
     #[test]
     fn the_speed_of_the_sender_takes_precedence() {
-        let mut latest = latest(1, [0.0; 256]);
+        let mut latest = latest(1, (0..20_000).map(mesh));
         latest.operating_point.shaft_speed_hz = Some(12.5);
         let frame = latest.frame(&asset());
         assert_eq!(frame.shaft_speed_source, Some(LiveSpeedSource::Stream));
