@@ -6,6 +6,7 @@ use std::fs;
 use std::io::Cursor;
 use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, WavWriter, encode_block};
 use flankwatch::signal::{OperatingPoint, Record};
@@ -18,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 #[path = "../../fuzz/src/entries.rs"]
 mod entries;
 
-/// Damaged inputs of each kind.
+/// Damaged inputs of each kind in every run.
 const INPUTS: u64 = 400;
 
 /// Values that replace a number in a damaged input.
@@ -36,21 +37,33 @@ fn fuzz_regressions_do_not_recur() {
     }
 }
 
-#[test]
-fn damaged_inputs_never_panic() {
-    for (name, entry) in entries::ALL {
-        let whole = whole(name);
-        whole.iter().for_each(|bytes| entry(bytes));
-        for seed in 0..INPUTS {
-            let mut random = ChaCha8Rng::seed_from_u64(seed);
-            let bytes = damaged(whole.choose(&mut random).unwrap(), &mut random);
-            if catch_unwind(|| entry(&bytes)).is_err() {
-                let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{seed}"));
-                fs::write(&path, &bytes).unwrap();
-                panic!("{name} panics at {}: keep it in fuzz/regressions/{name}", path.display());
-            }
+/// Passes damaged inputs to an entry: the same ones in every run, and further ones until a time has passed.
+fn damage((name, entry): &entries::Entry, time: Duration) {
+    let whole = whole(name);
+    whole.iter().for_each(|bytes| entry(bytes));
+    let began = Instant::now();
+    for seed in 0.. {
+        if seed >= INPUTS && began.elapsed() >= time {
+            return println!("{name}: {seed} inputs");
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let bytes = damaged(whole.choose(&mut random).unwrap(), &mut random);
+        if catch_unwind(|| entry(&bytes)).is_err() {
+            let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{seed}"));
+            fs::write(&path, &bytes).unwrap();
+            panic!("{name} panics at {}: keep it in fuzz/regressions/{name}", path.display());
         }
     }
+}
+
+#[test]
+fn damaged_inputs_never_panic() {
+    let time = std::env::var("FLANKWATCH_FUZZ_SECONDS").map_or(0, |seconds| seconds.parse().unwrap());
+    std::thread::scope(|scope| {
+        for entry in &entries::ALL {
+            scope.spawn(move || damage(entry, Duration::from_secs(time)));
+        }
+    });
 }
 
 #[test]
