@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The script in the `plotly` crate without the surrounding HTML, and without MathJax, which the crate appends.
+/// The script in the `plotly` crate without the surrounding HTML, and without MathJax, which the crate
+/// appends.
 fn plotly_js() -> String {
     let sources = plotly::Plot::offline_js_sources();
     let begin = sources.find('>').map_or(0, |tag_end| tag_end + 1);

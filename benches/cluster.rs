@@ -2,8 +2,8 @@
 //! `cargo bench --features cluster --bench cluster`.
 //!
 //! Requires a PostgreSQL server at `FLANKWATCH_TEST_DATABASE` and a NATS server with JetStream at
-//! `FLANKWATCH_TEST_NATS`. The queue is filled before the workers start, so that only the CPU limits them; raw
-//! bytes are in a folder. The CPU time of the servers is read from `/proc` if they run on this machine.
+//! `FLANKWATCH_TEST_NATS`. The queue is filled before the workers start, so that only the CPU limits them;
+//! raw bytes are in a folder. The CPU time of the servers is read from `/proc` if they run on this machine.
 //! `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` the records
 //! that each has in work at once.
 

@@ -338,8 +338,8 @@ fn fleet() {
     }
 }
 
-/// Resident memory under steady load, for `FLANKWATCH_BENCH_SECONDS` (two hours): records of 2 s go to 20 assets
-/// with two channels each, and dashboards read.
+/// Resident memory under steady load, for `FLANKWATCH_BENCH_SECONDS` (two hours): records of 2 s go to 20
+/// assets with two channels each, and dashboards read.
 fn memory() {
     const ASSETS: usize = 20;
     const CONNECTIONS: usize = 4;

@@ -129,7 +129,7 @@ pub(crate) fn angle_record(
         unit,
     )?;
     let (by_angle, average) = analyze(py, |analyzer| {
-        let by_angle = analyzer.angle_record(&record, &mesh, None)?;
+        let by_angle = analyzer.angle_record(&record, &mesh)?;
         let average = by_angle.synchronous_average();
         Ok((by_angle, average))
     })
@@ -189,7 +189,7 @@ pub(crate) fn order_spectrum(
         pulses_per_revolution,
         unit,
     )?;
-    let spectrum = analyze(py, |analyzer| analyzer.order_spectrum(&record, &mesh, None));
+    let spectrum = analyze(py, |analyzer| analyzer.order_spectrum(&record, &mesh));
     let spectrum = spectrum.map_err(|reason| not_computed_error("order spectrum", reason))?;
     let orders: Vec<f64> =
         (0..spectrum.amplitude.len()).map(|k| k as f64 * spectrum.resolution_orders).collect();
@@ -246,7 +246,7 @@ pub(crate) fn gear_signals(
         pulses_per_revolution,
         unit,
     )?;
-    let signals = analyze(py, |analyzer| analyzer.gear_signals(&record, &mesh, None));
+    let signals = analyze(py, |analyzer| analyzer.gear_signals(&record, &mesh));
     let signals = signals.map_err(|reason| not_computed_error("synchronous average", reason))?;
     let array = |values: Vec<f64>| values.into_pyarray(py).unbind();
     Ok(GearSignals {

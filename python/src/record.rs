@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 
 use flankwatch_signal::{
-    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, RecordOf, Tachometer,
+    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, RecordOf, Tachometer,
 };
 use jiff::Timestamp;
 use numpy::PyArrayMethods;
@@ -67,14 +67,7 @@ impl Machine<'_, '_> {
                 return Err(argument_error("shaft_speed_hz", "missing", expected));
             }
         };
-        Ok(MeshContext {
-            teeth,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz,
-            tolerance: self.tolerance,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        })
+        Ok(MeshContext::new([teeth, 0], nominal_shaft_speed_hz, self.tolerance))
     }
 
     /// Returns the mesh context of a function that requires it.

@@ -52,7 +52,7 @@ impl ClusterPlace {
     pub(super) fn refuse(&self, command: &'static str) -> Result<(), CliError> {
         // The settings file is not read.
         let _ = &self.config;
-        Err(super::serve::ServeError::WithoutFeature { what: command, feature: "cluster" }.into())
+        Err(super::serve_error::ServeError::WithoutFeature { what: command, feature: "cluster" }.into())
     }
 }
 
@@ -61,7 +61,8 @@ mod with_cluster {
     use jiff::Timestamp;
 
     use super::super::output::print;
-    use super::super::serve::{ServeArgs, ServeError};
+    use super::super::serve::ServeArgs;
+    use super::super::serve_error::ServeError;
     use super::{Action, CliError, ClusterArgs, ClusterPlace, Format};
     use crate::cluster::{Cluster, ClusterError};
     use crate::service::QueueOverview;

@@ -7,7 +7,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use jiff::{SignedDuration, Timestamp};
+use jiff::Timestamp;
 use thiserror::Error;
 
 use super::CliError;
@@ -204,8 +204,7 @@ fn write_mcap(
             writer.write(&topic, &record).map_err(output)?;
             records += 1;
             progress.set_read(blocks.frames().bytes_read());
-            let length = SignedDuration::from_secs_f64(record.duration_s());
-            next_start = next_start.max(record.start_time().saturating_add(length).unwrap_or(next_start));
+            next_start = next_start.max(record.end_time());
         }
     }
     let mut inner = writer.finish().map_err(output)?;

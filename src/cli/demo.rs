@@ -43,7 +43,8 @@ const INSPECTION_ERROR_UM: f64 = 5.0;
 /// Arguments of `flankwatch demo`.
 #[derive(Args)]
 pub(super) struct DemoArgs {
-    /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600, or a free port if it is in use]
+    /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600, or a free port if it is in
+    /// use]
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
     /// Folder to keep the demonstration's data in [default: a temporary folder]

@@ -1,4 +1,5 @@
-//! The ensemble of gear pairs that a command estimates with: from the cache, or simulated with a progress bar.
+//! The ensemble of gear pairs that a command estimates with: from the cache, or simulated with a progress
+//! bar.
 
 use std::path::Path;
 use std::sync::Arc;

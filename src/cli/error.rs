@@ -68,7 +68,7 @@ pub enum CliError {
     Simulation(#[from] crate::simulation::SimulationError),
     /// The service could not start or stopped with an error.
     #[error(transparent)]
-    Serve(#[from] super::serve::ServeError),
+    Serve(#[from] super::serve_error::ServeError),
     /// The demonstration's service could not start or stopped with an error.
     #[error(transparent)]
     Service(#[from] crate::http::StartError),

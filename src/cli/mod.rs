@@ -30,6 +30,7 @@ mod recording_values;
 mod records;
 mod replay;
 mod serve;
+mod serve_error;
 mod server;
 #[cfg(feature = "postgres")]
 mod shared_store;
@@ -119,8 +120,8 @@ enum Command {
     Restore(backup::RestoreArgs),
     /// Rebuild the database from the raw recordings
     ///
-    /// Imports every raw recording that the database lacks and recomputes derived data. The service must not be
-    /// running.
+    /// Imports every raw recording that the database lacks and recomputes derived data. The service must not
+    /// be running.
     Rebuild(rebuild::RebuildArgs),
     /// List or restore unreferenced raw recordings before they are removed
     Quarantine(quarantine::QuarantineArgs),

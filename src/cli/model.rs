@@ -60,8 +60,8 @@ struct Row {
     pairs_in_contact: u32,
 }
 
-/// Prints one mesh period: `points` evenly spaced angles starting at the nominal start of contact, without the
-/// period's end. A closed pipe is not an error.
+/// Prints one mesh period: `points` evenly spaced angles starting at the nominal start of contact, without
+/// the period's end. A closed pipe is not an error.
 pub(super) fn run(args: &ModelArgs) -> Result<(), CliError> {
     let cycle = cycle(args)?;
     match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {

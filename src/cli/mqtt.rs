@@ -3,7 +3,7 @@
 use clap::Args;
 
 #[cfg(not(feature = "mqtt"))]
-use super::serve::ServeError;
+use super::serve_error::ServeError;
 #[cfg(feature = "mqtt")]
 use crate::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
 

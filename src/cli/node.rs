@@ -10,7 +10,7 @@ use crate::notifications::{NotificationSettings, Notifier};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
-use super::serve::ServeError;
+use super::serve_error::ServeError;
 
 /// Opens the shared store; retries while the database is unavailable.
 async fn open(settings: SharedSettings) -> Result<Store, StoreError> {

@@ -22,8 +22,8 @@ enum Action {
     List,
     /// Move raw recordings out of quarantine
     ///
-    /// Run `flankwatch rebuild` afterwards, before the service starts: a start moves unreferenced recordings to
-    /// quarantine again.
+    /// Run `flankwatch rebuild` afterwards, before the service starts: a start moves unreferenced recordings
+    /// to quarantine again.
     Restore {
         /// Names of the raw recordings, or prefixes of names.
         #[arg(required_unless_present = "all")]

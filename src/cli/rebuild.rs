@@ -9,7 +9,7 @@ use jiff::Timestamp;
 
 use super::CliError;
 use super::output::print;
-use super::serve::ServeError;
+use super::serve_error::ServeError;
 use super::store_place::{StorePlace, runtime};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{Store, StoreSettings};

@@ -15,7 +15,7 @@ use crate::evaluation::{
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
 use crate::recording::{RecordDefaults, RecordingFile};
-use crate::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes};
+use crate::signal::{AnalysisSettings, Analyzer, MeshContext};
 
 /// Number of records in the baseline.
 const BASELINE: u32 = 20;
@@ -256,14 +256,7 @@ fn analyse(
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let file = RecordingFile::open(path, RecordDefaults::default(), None)
         .map_err(|error| failed(error.to_string()))?;
-    let mesh = MeshContext {
-        teeth: pair.geometry.teeth[0],
-        mate_teeth: pair.geometry.teeth[1],
-        nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
-        tolerance: SPEED_TOLERANCE,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new(pair.geometry.teeth, pair.operation.shaft_speed_hz, SPEED_TOLERANCE);
     let (mut observations, mut start) = (Vec::new(), None);
     for recorded in file {
         let record = recorded.map_err(|error| failed(error.to_string()))?.record;

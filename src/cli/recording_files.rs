@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::CliError;
 use crate::recording::{EXTENSIONS, RecordingFile};
 
-/// Expands folders to the recordings in them and in their subfolders, and patterns that the shell did not expand
-/// to the files that match; both in order of their paths.
+/// Expands folders to the recordings in them and in their subfolders, and patterns that the shell did not
+/// expand to the files that match; both in order of their paths.
 pub(super) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut files = Vec::new();
     for path in paths {

@@ -34,8 +34,8 @@ const MAX_RETRY_AFTER: Duration = Duration::from_secs(600);
 pub(super) struct ReplayArgs {
     /// Recordings in time order, folders or patterns such as `day-*.wav`
     ///
-    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders and
-    /// patterns are read in order of their names.
+    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders
+    /// and patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Identifier of the asset that the recordings belong to
@@ -111,9 +111,7 @@ impl Sender<'_> {
             .map_err(CliError::recording(path))?;
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
-            let length = jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
-            let end = recorded.record.start_time().saturating_add(length).unwrap_or(*next_start);
-            *next_start = (*next_start).max(end);
+            *next_start = (*next_start).max(recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded)?;
             progress.set_read(file.bytes_read());

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use clap::Args;
 use serde::Deserialize;
-use thiserror::Error;
 
+use super::serve_error::ServeError;
 #[cfg(feature = "postgres")]
 use crate::cluster::{ClusterSettings, ClusterTable};
-use crate::http::{ServiceConfig, StartError, TlsFiles, start};
+use crate::http::{ServiceConfig, TlsFiles, start};
 #[cfg(feature = "mqtt")]
-use crate::mqtt::{MqttError, MqttFeed, MqttTable};
+use crate::mqtt::{MqttFeed, MqttTable};
 use crate::notifications::{NotificationError, NotificationSettings, NotificationsTable, Notifier};
 use crate::service::{RawQuotas, SystemClock};
 
@@ -44,68 +44,12 @@ pub(super) struct ServeArgs {
     /// Disable authentication: anyone who can reach the address has full access.
     #[arg(long)]
     pub insecure_no_tokens: bool,
-    /// Host name by which a reverse proxy on this machine exposes the service; required without tokens; repeatable.
+    /// Host name by which a reverse proxy on this machine exposes the service; required without tokens;
+    /// repeatable.
     #[arg(long, value_name = "NAME")]
     pub host_name: Vec<String>,
     #[command(flatten)]
     pub mqtt: super::mqtt::MqttArgs,
-}
-
-/// Errors that keep the service from starting or running.
-#[derive(Debug, Error)]
-pub enum ServeError {
-    /// The settings file cannot be read.
-    #[error("failed to read the settings file {path}: {source}", path = path.display())]
-    ConfigFile {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The settings file is invalid.
-    #[error("settings file {path}: {source}", path = path.display())]
-    Config {
-        /// The file.
-        path: PathBuf,
-        /// The parser's error, with the position.
-        source: Box<toml::de::Error>,
-    },
-    /// Only one of the certificate and its key is set.
-    #[error("settings file: {0} is missing, expected both tls_certificate and tls_key or neither")]
-    Tls(&'static str),
-    /// The process could not start the runtime, write its output or wait for signals.
-    #[error("failed to start: {0}")]
-    Process(#[from] std::io::Error),
-    /// The service could not be started, or stopped by itself.
-    #[error(transparent)]
-    Service(#[from] StartError),
-    /// The program was built without a required feature.
-    #[error(
-        "{what} requires the feature `{feature}`, and this program was built without it: cargo build --release --features {feature}"
-    )]
-    WithoutFeature {
-        /// The option, table or command.
-        what: &'static str,
-        /// The feature.
-        feature: &'static str,
-    },
-    /// The settings file has no table `cluster`.
-    #[cfg(feature = "nats")]
-    #[error(
-        "settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects"
-    )]
-    NoClusterTable,
-    /// The process could not join the cluster.
-    #[cfg(feature = "postgres")]
-    #[error(transparent)]
-    Cluster(#[from] crate::cluster::ClusterError),
-    /// The notification settings are invalid.
-    #[error(transparent)]
-    Notifications(#[from] NotificationError),
-    /// The MQTT settings are invalid.
-    #[cfg(feature = "mqtt")]
-    #[error(transparent)]
-    Mqtt(#[from] MqttError),
 }
 
 /// The settings file.
@@ -231,8 +175,8 @@ impl ServeArgs {
 }
 
 impl Resolved {
-    /// Takes the notification settings, resolves their secrets from the environment and passes the recipients to
-    /// the service, which queues notifications for them.
+    /// Takes the notification settings, resolves their secrets from the environment and passes the recipients
+    /// to the service, which queues notifications for them.
     pub(super) fn notifications(&mut self) -> Result<NotificationSettings, NotificationError> {
         let secret = |name: &str| std::env::var(format!("FLANKWATCH_SECRET_{name}")).ok();
         let settings = std::mem::take(&mut self.notifications)

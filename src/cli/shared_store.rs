@@ -1,6 +1,6 @@
 //! Cluster settings from the settings file and the environment.
 
-use super::serve::ServeError;
+use super::serve_error::ServeError;
 use crate::cluster::{ClusterSecrets, ClusterSettings, ClusterTable};
 
 /// Resolves the table `cluster` with the secrets of the environment.

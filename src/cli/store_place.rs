@@ -56,5 +56,5 @@ impl StorePlace {
 /// Creates a runtime for a command that works on a store.
 pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     let built = tokio::runtime::Builder::new_multi_thread().enable_all().build();
-    Ok(built.map_err(super::serve::ServeError::from)?)
+    Ok(built.map_err(super::serve_error::ServeError::from)?)
 }

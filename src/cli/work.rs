@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::serve::ServeError;
+use super::serve_error::ServeError;
 
 /// Arguments of `flankwatch work`.
 #[derive(Debug, Clone, Args)]

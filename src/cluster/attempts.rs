@@ -1,8 +1,8 @@
 //! Deliveries that do not count against a record: the worker survived them and reported an error. Only
 //! deliveries that no worker survived count towards the limit.
 //!
-//! JetStream counts every delivery. The excused ones are counted in a separate stream, with one message for each
-//! record that had an error.
+//! JetStream counts every delivery. The excused ones are counted in a separate stream, with one message for
+//! each record that had an error.
 
 use async_nats::jetstream::Message;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;

@@ -72,3 +72,20 @@ impl ClusterError {
         move |source| Self::JetStream { action, source }
     }
 }
+
+/// Returns the value if it is at least `min`.
+pub(super) fn at_least<T: PartialOrd + std::fmt::Display>(
+    field: &str,
+    value: T,
+    min: T,
+) -> Result<T, ClusterError> {
+    if value < min {
+        return Err(invalid(field, value, &format!("at least {min}")));
+    }
+    Ok(value)
+}
+
+/// The error for an invalid setting.
+pub(super) fn invalid(field: &str, value: impl ToString, expected: &str) -> ClusterError {
+    ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
+}

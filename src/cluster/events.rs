@@ -1,7 +1,7 @@
 //! Live events: every process publishes them and every API node shows them; a JetStream stream orders them.
 //!
-//! A process that cannot reach NATS buffers its events. When the buffer is full, the oldest are dropped and an
-//! event reports the loss.
+//! A process that cannot reach NATS buffers its events. When the buffer is full, the oldest are dropped and
+//! an event reports the loss.
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::ClusterError;
-use super::settings::{at_least, invalid};
+use super::error::{at_least, invalid};
 
 /// Settings of the connection to NATS and of the cluster's streams.
 #[derive(Clone)]

@@ -50,8 +50,8 @@ impl Queue {
     }
 }
 
-/// Returns the ID by which JetStream detects a duplicate of a record. It differs for an asset created again under
-/// the same name, and for a record that has become a dead letter since.
+/// Returns the ID by which JetStream detects a duplicate of a record. It differs for an asset created again
+/// under the same name, and for a record that has become a dead letter since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.id.0.as_bytes());

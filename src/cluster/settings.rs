@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::error::{at_least, invalid};
 use super::nats_settings::{NatsTable, WorkerTable};
 use super::{ClusterError, NatsSettings, WorkerLimits};
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
@@ -178,22 +179,6 @@ fn in_bucket(settings: BucketSettings) -> Result<ObjectsSettings, ClusterError> 
 #[cfg(not(feature = "s3"))]
 fn in_bucket(_: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
     Err(ClusterError::WithoutFeature { field: "cluster.objects.bucket", feature: "s3" })
-}
-
-/// Returns the value if it is at least `min`.
-pub(super) fn at_least<T: PartialOrd + std::fmt::Display>(
-    field: &str,
-    value: T,
-    min: T,
-) -> Result<T, ClusterError> {
-    if value < min {
-        return Err(invalid(field, value, &format!("at least {min}")));
-    }
-    Ok(value)
-}
-
-pub(super) fn invalid(field: &str, value: impl ToString, expected: &str) -> ClusterError {
-    ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }
 
 #[cfg(all(test, feature = "cluster"))]

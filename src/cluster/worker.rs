@@ -187,16 +187,16 @@ impl Worker {
         }
     }
 
-    /// Excuses this delivery, so that it does not count against the record. On failure it counts as one that no
-    /// worker survived.
+    /// Excuses this delivery, so that it does not count against the record. On failure it counts as one that
+    /// no worker survived.
     async fn excuse(&self, message: &Message, error: &str) {
         if let Err(error) = Attempts::excuse(&self.connection, message, error).await {
             tracing::warn!(%error, "failed to store the error of a record");
         }
     }
 
-    /// Moves a message to the dead letters and counts it in the store, so that the same record sent again is not
-    /// rejected as a duplicate.
+    /// Moves a message to the dead letters and counts it in the store, so that the same record sent again is
+    /// not rejected as a duplicate.
     async fn put_dead_letter(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
         // Counted first: once the dead letter is visible, its record may be sent again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -17,7 +17,8 @@ use super::problem::Problem;
 use super::rate::RateLimiter;
 use super::session::{self, Caller};
 use super::token::{Scope, find};
-use super::tokens::{TokenError, Tokens};
+use super::token_error::TokenError;
+use super::tokens::Tokens;
 
 /// Whether requests need a token.
 #[derive(Debug, PartialEq, Eq)]
@@ -129,6 +130,40 @@ pub(super) fn unreadable(error: &TokenError) -> Problem {
     Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "failed to read or store tokens; see the log")
 }
 
+/// Interval at which the token of a long connection is checked.
+const WATCH_INTERVAL: Duration = Duration::from_secs(2);
+
+/// Watches the token that opened a connection, which ends when the token is revoked.
+pub(super) struct TokenWatch {
+    access: Arc<Access>,
+    caller: Option<Caller>,
+    checked_at: tokio::time::Instant,
+}
+
+impl TokenWatch {
+    pub(super) fn new(access: Arc<Access>, caller: Option<Caller>) -> Self {
+        Self { access, caller, checked_at: tokio::time::Instant::now() }
+    }
+
+    /// Whether the token was revoked; checked only if the last check is not recent.
+    pub(super) async fn is_revoked(&mut self) -> bool {
+        let Some(caller) = &self.caller else { return false };
+        if self.checked_at.elapsed() < WATCH_INTERVAL {
+            return false;
+        }
+        self.checked_at = tokio::time::Instant::now();
+        !self.access.is_still_valid(caller).await
+    }
+
+    /// Waits until the next check is due; forever without a token.
+    pub(super) async fn due(&self) {
+        match self.caller {
+            Some(_) => tokio::time::sleep_until(self.checked_at + WATCH_INTERVAL).await,
+            None => std::future::pending().await,
+        }
+    }
+}
+
 impl Access {
     /// Whether a caller's token is still valid; assumed valid if the tokens cannot be read.
     pub(super) async fn is_still_valid(&self, caller: &Caller) -> bool {
@@ -216,7 +251,7 @@ fn refuse_other_pages(only_reads: bool, uri: &Uri, headers: &HeaderMap) -> Resul
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
-/// Forwards a request, or answers why it is refused.
+/// Forwards a request, or responds with the reason why it is refused.
 pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
     match access.check(request.method(), request.uri(), request.headers()).await {
         Ok(caller) => {

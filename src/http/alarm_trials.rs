@@ -3,17 +3,15 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
+use super::assets;
+use super::body::Described;
 use super::problem::Problem;
 use super::query::AssetInPath;
-use super::{assets, body};
-use crate::asset::AssetId;
 use crate::estimate::{AlarmPanel, AlarmQuantity, AlarmRule, MaintenanceEvent, Severity};
 use crate::service::Service;
 use crate::signal::Indicators;
@@ -76,17 +74,14 @@ pub(super) struct TrialChange {
     post,
     path = "/v1/assets/{asset}/alarms/try",
     tag = "alarms",
-    params(("asset" = AssetId, Path, description = "The asset")),
     request_body(content = TrialRequest),
     responses((status = 200, body = AlarmTrial)),
 )]
 pub(super) async fn try_rule(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(TrialRequest { rule, channel }): Described<TrialRequest>,
 ) -> Result<Json<AlarmTrial>, Problem> {
-    let TrialRequest { rule, channel } = body::described(&app.limits, &headers, body).await?;
     rule.validate().map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
     let of_one_channel = match rule.quantity {
         AlarmQuantity::StaleS => {

@@ -1,15 +1,13 @@
 //! `/v1/alarms`: alarms and operator actions on them.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::body;
-use super::problem::{Details, Problem};
+use super::body::Described;
+use super::problem::Problem;
 use super::query::{self, NameInPath, Page, Parameters};
 use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Severity};
@@ -18,6 +16,9 @@ use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 
 /// Maximum number of history entries returned.
 const MAX_ENTRIES: u32 = 1000;
+
+/// Maximum length of a name in characters.
+const MAX_NAME: usize = 200;
 
 /// Maximum length of a comment in characters.
 const MAX_COMMENT: usize = 2000;
@@ -42,7 +43,7 @@ pub(super) struct AlarmView {
     severity: Option<Severity>,
     /// End of shelving; none if not shelved.
     shelved_until: Option<Timestamp>,
-    /// Since when it is raised, by record time.
+    /// Since when it has been raised, by record time.
     raised_at: Option<Timestamp>,
     /// Time of the last change.
     changed_at: Timestamp,
@@ -124,7 +125,7 @@ pub(super) struct ListParameters {
     params(ListParameters),
     responses(
         (status = 200, body = Page<AlarmView>),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
+        (status = 404, description = "Asset not found"),
     ),
 )]
 pub(super) async fn list(
@@ -136,8 +137,7 @@ pub(super) async fn list(
         let expected = "normal, unacknowledged, acknowledged, returned_unacknowledged or shelved";
         Problem::query("state", state, expected)
     };
-    let states = params.state.as_deref().unwrap_or_default().split(',').map(str::trim);
-    let states = states.filter(|state| !state.is_empty());
+    let states = query::entries(params.state.as_deref());
     let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
     let severity = params.severity.as_deref();
@@ -165,7 +165,6 @@ pub(super) async fn list(
     get,
     path = "/v1/alarms/{alarm}",
     tag = "alarms",
-    params(("alarm" = String, Path, description = "The alarm")),
     responses((status = 200, body = WholeAlarm)),
 )]
 pub(super) async fn show(
@@ -213,20 +212,17 @@ pub(super) struct Shelving {
     post,
     path = "/v1/alarms/{alarm}/acknowledge",
     tag = "alarms",
-    params(("alarm" = String, Path, description = "The alarm")),
     request_body(content = SignedRemark),
     responses(
         (status = 200, body = WholeAlarm),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "Nothing to acknowledge"),
+        (status = 409, description = "Nothing to acknowledge"),
     ),
 )]
 pub(super) async fn acknowledge(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(SignedRemark { by, comment }): Described<SignedRemark>,
 ) -> Result<Json<WholeAlarm>, Problem> {
-    let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     act(&app, &id, AlarmAction::Acknowledge, by, comment).await
 }
 
@@ -237,17 +233,14 @@ pub(super) async fn acknowledge(
     post,
     path = "/v1/alarms/{alarm}/shelve",
     tag = "alarms",
-    params(("alarm" = String, Path, description = "The alarm")),
     request_body(content = Shelving),
     responses((status = 200, body = WholeAlarm)),
 )]
 pub(super) async fn shelve(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(Shelving { by, until, comment }): Described<Shelving>,
 ) -> Result<Json<WholeAlarm>, Problem> {
-    let Shelving { by, until, comment } = body::described(&app.limits, &headers, body).await?;
     if until <= app.service.now() {
         return Err(Problem::content("until", until, "a time later than now"));
     }
@@ -259,20 +252,17 @@ pub(super) async fn shelve(
     post,
     path = "/v1/alarms/{alarm}/unshelve",
     tag = "alarms",
-    params(("alarm" = String, Path, description = "The alarm")),
     request_body(content = SignedRemark),
     responses(
         (status = 200, body = WholeAlarm),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The alarm is not shelved"),
+        (status = 409, description = "The alarm is not shelved"),
     ),
 )]
 pub(super) async fn unshelve(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(SignedRemark { by, comment }): Described<SignedRemark>,
 ) -> Result<Json<WholeAlarm>, Problem> {
-    let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     act(&app, &id, AlarmAction::Unshelve, by, comment).await
 }
 
@@ -281,17 +271,14 @@ pub(super) async fn unshelve(
     post,
     path = "/v1/alarms/{alarm}/comment",
     tag = "alarms",
-    params(("alarm" = String, Path, description = "The alarm")),
     request_body(content = SignedRemark),
     responses((status = 200, body = WholeAlarm)),
 )]
 pub(super) async fn comment(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(SignedRemark { by, comment }): Described<SignedRemark>,
 ) -> Result<Json<WholeAlarm>, Problem> {
-    let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     if comment.trim().is_empty() {
         return Err(Problem::content("comment", format!("{comment:?}"), "a comment"));
     }
@@ -312,16 +299,19 @@ async fn act(
 
 /// Rejects invalid names and comments.
 pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
-    if by.trim().is_empty() || by.chars().count() > 200 || by.chars().any(char::is_control) {
-        return Err(Problem::content(
-            "by",
-            format!("{by:?}"),
-            "a name of 1 to 200 characters, none of them control characters",
-        ));
-    }
+    check_name("by", by)?;
     let length = comment.chars().count();
     if length > MAX_COMMENT {
         return Err(Problem::content("comment", format!("{length} characters"), "at most 2000 characters"));
+    }
+    Ok(())
+}
+
+/// Rejects an invalid name of a person or a token.
+pub(super) fn check_name(field: &str, name: &str) -> Result<(), Problem> {
+    if name.trim().is_empty() || name.chars().count() > MAX_NAME || name.chars().any(char::is_control) {
+        let expected = "a name of 1 to 200 characters, none of them control characters";
+        return Err(Problem::content(field, format!("{name:?}"), expected));
     }
     Ok(())
 }

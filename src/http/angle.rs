@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::app::App;
 use super::line_range::LineRange;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, Parameters, SegmentInPath};
 use super::segments;
 use crate::asset::SegmentId;
@@ -69,8 +69,11 @@ pub(super) struct OrderView {
     get,
     path = "/v1/segments/{segment}/orders",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), OrderParameters),
-    responses((status = 200, body = OrderView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
+    params(OrderParameters),
+    responses(
+        (status = 200, body = OrderView),
+        (status = 422, description = "The curve is not available for this record"),
+    ),
 )]
 pub(super) async fn orders(
     State(app): State<App>,
@@ -85,7 +88,7 @@ pub(super) async fn orders(
     let computed = app.service.records.analyse_stored(
         &segment,
         "compute an order spectrum",
-        |analyzer, record, mesh| analyzer.order_spectrum(record, mesh, None),
+        |analyzer, record, mesh| analyzer.order_spectrum(record, mesh),
     );
     let spectrum = computed.await?.map_err(|reason| absent("spectrum over orders", reason))?;
     let resolution_orders = spectrum.resolution_orders;
@@ -158,8 +161,11 @@ pub(super) struct TurnView {
     get,
     path = "/v1/segments/{segment}/turn",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), TurnParameters),
-    responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
+    params(TurnParameters),
+    responses(
+        (status = 200, body = TurnView),
+        (status = 422, description = "The curve is not available for this record"),
+    ),
 )]
 pub(super) async fn turn(
     State(app): State<App>,
@@ -182,7 +188,7 @@ pub(super) async fn turn(
         .service
         .records
         .analyse_stored(&segment, "average over a turn", move |analyzer, record, mesh| {
-            analyzer.turn_average(record, mesh, gear, None)
+            analyzer.turn_average(record, mesh, gear)
         })
         .await?;
     let TurnAverage { turns, angle, signals } =

@@ -16,7 +16,7 @@ use super::app::App;
 use super::body;
 use super::category::{AlarmCounts, Category};
 use super::etag;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, ChannelContribution, WearEstimate};
@@ -145,7 +145,10 @@ pub(super) async fn list(
     path = "/v1/assets",
     tag = "assets",
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
-    responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "An asset with this id exists")),
+    responses(
+        (status = 201, body = AssetView, headers(("location" = String, description = "Its address"))),
+        (status = 409, description = "An asset with this id exists"),
+    ),
 )]
 pub(super) async fn create(
     State(app): State<App>,
@@ -166,7 +169,6 @@ pub(super) async fn create(
     get,
     path = "/v1/assets/{asset}",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset")),
     responses((status = 200, body = AssetView)),
 )]
 pub(super) async fn show(
@@ -178,7 +180,7 @@ pub(super) async fn show(
     tagged(&app, asset, Some(&headers)).await
 }
 
-/// An asset's answer with its entity tag; without a body if the client has the current version.
+/// An asset's response with its entity tag; without a body if the client has the current version.
 async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<Response, Problem> {
     let view = view(app, asset.clone()).await?;
     let json = serde_json::to_vec(&view)
@@ -193,19 +195,18 @@ async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<
 
 /// Replace an asset's description
 ///
-/// The wear history is recomputed in the background if the change affects it. The answer of `GET` can be sent
-/// back: fields outside the description are ignored.
+/// The wear history is recomputed in the background if the change affects it. The response of `GET` can be
+/// sent back: fields outside the description are ignored.
 #[utoipa::path(
     put,
     path = "/v1/assets/{asset}",
     tag = "assets",
     params(
-        ("asset" = AssetId, Path, description = "The asset"),
         ("if-match" = Option<String>, Header, description = "Required: the description has one of these entity tags"),
         ("if-none-match" = Option<String>, Header, description = "Required: the description has none of these entity tags"),
     ),
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
-    responses((status = 200, body = AssetView), (status = 412, body = Details, content_type = "application/problem+json", description = "The description has changed")),
+    responses((status = 200, body = AssetView), (status = 412, description = "The description has changed")),
 )]
 pub(super) async fn replace(
     State(app): State<App>,
@@ -230,11 +231,14 @@ pub(super) async fn replace(
     path = "/v1/assets/{asset}",
     tag = "assets",
     params(
-        ("asset" = AssetId, Path, description = "The asset"),
         ("if-match" = Option<String>, Header, description = "Required: the description has one of these entity tags"),
         ("if-none-match" = Option<String>, Header, description = "Required: the description has none of these entity tags"),
     ),
-    responses((status = 204, description = "Deleted"), (status = 412, body = Details, content_type = "application/problem+json", description = "The description has changed"), (status = 409, body = Details, content_type = "application/problem+json", description = "Other assets share its sensor")),
+    responses(
+        (status = 204, description = "Deleted"),
+        (status = 412, description = "The description has changed"),
+        (status = 409, description = "Other assets share its sensor"),
+    ),
 )]
 pub(super) async fn remove(
     State(app): State<App>,
@@ -246,7 +250,7 @@ pub(super) async fn remove(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Fields of an answer that are not part of the description.
+/// Fields of a response that are not part of the description.
 const ANSWERED: [&str; 3] = ["created_at", "updated_at", "summary"];
 
 /// Reads the description in a body; fields with the names in `ignored` are dropped.

@@ -62,7 +62,7 @@ pub(super) struct BaselineItem {
     get,
     path = "/v1/assets/{asset}/indicators/baseline",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), BaselineParameters),
+    params(BaselineParameters),
     responses((status = 200, body = BaselineView)),
 )]
 pub(super) async fn show(

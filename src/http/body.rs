@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
+use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::Bytes;
 use futures_util::FutureExt;
@@ -14,6 +15,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
+use super::app::App;
 use super::content_encoding::{ContentEncoding, STEP};
 use super::json_error;
 use super::limits::HttpLimits;
@@ -197,6 +199,18 @@ pub(super) async fn described<T: DeserializeOwned>(
         return Err(unsupported(media_type.as_deref(), "application/json"));
     }
     from_json(&read_description(headers, body, limits).await?)
+}
+
+/// A JSON body within the limit for descriptions.
+pub(super) struct Described<T>(pub(super) T);
+
+impl<T: DeserializeOwned> FromRequest<App> for Described<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (parts, body) = request.into_parts();
+        described(&app.limits, &parts.headers, body).await.map(Self)
+    }
 }
 
 /// Number of bytes that identify a recording's format.

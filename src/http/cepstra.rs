@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::angle::absent;
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, Parameters, SegmentInPath};
 use super::segments;
 use crate::asset::SegmentId;
@@ -52,8 +52,11 @@ pub(super) struct CepstrumView {
     get,
     path = "/v1/segments/{segment}/cepstrum",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), CepstrumParameters),
-    responses((status = 200, body = CepstrumView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
+    params(CepstrumParameters),
+    responses(
+        (status = 200, body = CepstrumView),
+        (status = 422, description = "The curve is not available for this record"),
+    ),
 )]
 pub(super) async fn cepstrum(
     State(app): State<App>,

@@ -129,7 +129,7 @@ pub(super) async fn serve(
 #[derive(Debug, Clone, Copy)]
 struct Peer {
     address: IpAddr,
-    /// No place was free: one request is answered, and only about health.
+    /// No slot was free: only one request is served, and only if it is a health check.
     is_in_reserve: bool,
 }
 
@@ -146,7 +146,7 @@ impl Peer {
     }
 }
 
-/// Makes the connection close after an answer.
+/// Makes the connection close after a response.
 pub(super) fn closing(mut response: Response) -> Response {
     response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     response
@@ -160,7 +160,7 @@ async fn serve_connection(
     peer: Peer,
     mut ending: watch::Receiver<bool>,
 ) {
-    // a client that does not read its answer loses its place
+    // a client that does not read the response loses its slot
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
     let router = TowerToHyperService::new(router);

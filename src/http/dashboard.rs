@@ -100,6 +100,7 @@ const FILES: &[StaticFile] = files![
     "known-units.js",
     "layers.js",
     "level-change.js",
+    "level-plot.js",
     "libraries.js",
     "library.js",
     "life-events.js",
@@ -178,6 +179,7 @@ const FILES: &[StaticFile] = files![
     "tokens.css",
     "tokens.js",
     "trend-plot.js",
+    "trends-card.js",
     "turn-plot.js",
     "velocity-zones.js",
     "views.css",
@@ -186,6 +188,7 @@ const FILES: &[StaticFile] = files![
     "waterfall.js",
     "wav-head.js",
     "waveform-plot.js",
+    "wear-card.js",
     "wear-plot.js",
 ];
 

@@ -71,7 +71,7 @@ async fn drain(mut rest: Body) {
     }
 }
 
-/// Drains what handlers leave of a body. If the client was not told to continue, the answer closes the
+/// Drains what handlers leave of a body. If the client was not told to continue, the response closes the
 /// connection.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {

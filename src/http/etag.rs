@@ -1,4 +1,4 @@
-//! `ETag` and `If-None-Match`: unchanged answers are not sent again.
+//! `ETag` and `If-None-Match`: unchanged responses are not sent again.
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
@@ -22,7 +22,7 @@ pub(super) fn of_bytes(parts: &[&[u8]]) -> HeaderValue {
     HeaderValue::from_str(&format!("\"{text}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"0\""))
 }
 
-/// The entity tag of an answer that depends on a channel's records, its asset's description and the address.
+/// The entity tag of a response that depends on a channel's records, its asset's description and the URL.
 pub(super) fn of_channel(
     asset: &Asset,
     channel: Option<&ChannelSummary>,
@@ -32,7 +32,7 @@ pub(super) fn of_channel(
     of_channels(asset, channel.as_slice(), uri, headers)
 }
 
-/// The entity tag of an answer that depends on the records of several channels.
+/// The entity tag of a response that depends on the records of several channels.
 pub(super) fn of_channels(
     asset: &Asset,
     channels: &[&ChannelSummary],
@@ -51,7 +51,7 @@ pub(super) fn of_channels(
     of_bytes(&[version, &versions, &updated_at, address.as_bytes(), accept])
 }
 
-/// The entity tag of an asset: that of its description, followed by that of the whole answer.
+/// The entity tag of an asset: that of its description, followed by that of the whole response.
 pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Problem> {
     let description = description_tag(asset)?;
     let whole = of_bytes(&[body]);
@@ -60,7 +60,7 @@ pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Proble
     tag.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
 }
 
-/// The precondition of a change of an asset. Only descriptions are compared: the rest of the answer changes
+/// The precondition of a change of an asset. Only descriptions are compared: the rest of the response changes
 /// with every record.
 pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
     let tags = |name: HeaderName| {
@@ -88,12 +88,12 @@ pub(super) fn is_known(headers: &HeaderMap, etag: &HeaderValue) -> bool {
         .any(|one| one.trim() == "*" || one.trim().trim_start_matches("W/") == etag.trim_start_matches("W/"))
 }
 
-/// The answer for a client that has the current version.
+/// The response for a client that has the current version.
 pub(super) fn not_modified(etag: HeaderValue) -> Response {
     (StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response()
 }
 
-/// Tags JSON answers with the hash of their bytes unless the handler set a tag, and omits bodies that the
+/// Tags JSON responses with the hash of their bytes unless the handler set a tag, and omits bodies that the
 /// client has.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     let is_get = request.method() == Method::GET;
@@ -112,9 +112,9 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     if parts.headers.contains_key(header::ETAG) {
         return Response::from_parts(parts, body);
     }
-    // such an answer is already completely in memory
+    // such a response is already completely in memory
     let Ok(bytes) = to_bytes(body, usize::MAX).await else {
-        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the answer is incomplete").into_response();
+        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the response is incomplete").into_response();
     };
     let etag = of_bytes(&[&bytes]);
     let mut headers = HeaderMap::new();

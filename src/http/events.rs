@@ -15,14 +15,14 @@ use futures_util::stream::unfold;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::watch;
-use tokio::time::Instant;
 
+use super::access::TokenWatch;
 use super::alarms::AlarmView;
 use super::app::App;
 use super::connections::closing;
 use super::event_ring::{EventRing, Next};
 use super::maintenance::EventView;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::Parameters;
 use super::session::Caller;
 use super::shares::{Client, Share};
@@ -32,9 +32,6 @@ use crate::store::AlarmNotice;
 
 /// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-
-/// Interval at which the token of a stream is checked.
-const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The name of an event, and its data.
 fn name_and_data(event: &LiveEvent) -> (&'static str, Value) {
@@ -110,7 +107,7 @@ pub(super) struct EventParameters {
     ),
     responses(
         (status = 200, body = ServerEvent, content_type = "text/event-stream"),
-        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many streams are open"),
+        (status = 503, description = "Too many streams are open"),
     ),
 )]
 pub(super) async fn stream(
@@ -127,7 +124,8 @@ pub(super) async fn stream(
         return Ok(too_many());
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
-    let follower = Follower::new(app, params.asset, caller.map(|Extension(caller)| caller), last, share);
+    let token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
+    let follower = Follower::new(app.events, params.asset, token, last, share);
     let stream = unfold(follower, async |mut follower| {
         let event = follower.next().await?;
         Some((Ok::<_, Infallible>(event), follower))
@@ -135,8 +133,8 @@ pub(super) async fn stream(
     Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
-/// The answer when no further event stream is accepted: the connection would stay idle while others need its
-/// place.
+/// The response when no further event stream is accepted: the connection would stay idle while others need
+/// its place.
 pub(super) fn too_many() -> Response {
     let busy = Problem::busy("too many event streams of this client or in total", 30);
     closing(busy.into_response())
@@ -144,59 +142,51 @@ pub(super) fn too_many() -> Response {
 
 /// A client of the event stream.
 struct Follower {
-    app: App,
+    events: Arc<EventRing>,
     asset: Option<AssetId>,
-    /// The token that opened the stream, which ends when the token is revoked.
-    caller: Option<Caller>,
+    token: TokenWatch,
     position: u64,
     /// The client's position is of another run, so it receives `lost` first.
     is_restarted: bool,
     latest: watch::Receiver<u64>,
     over: watch::Receiver<bool>,
-    token_seen_at: Instant,
     _share: Share,
 }
 
 impl Follower {
     fn new(
-        app: App,
+        events: Arc<EventRing>,
         asset: Option<AssetId>,
-        caller: Option<Caller>,
+        token: TokenWatch,
         last: Option<&str>,
         share: Share,
     ) -> Self {
-        let (latest, over) = app.events.subscribe();
-        let known = last.map(|last| app.events.position(last));
+        let (latest, over) = events.subscribe();
+        let known = last.map(|last| events.position(last));
         Self {
             // without a position of this run, the stream starts now
-            position: known.flatten().unwrap_or_else(|| app.events.end_position()),
+            position: known.flatten().unwrap_or_else(|| events.end_position()),
             is_restarted: matches!(known, Some(None)),
-            app,
+            events,
             asset,
-            caller,
+            token,
             latest,
             over,
-            token_seen_at: Instant::now(),
             _share: share,
         }
     }
 
     /// Returns the next event; `None` at the end of the service or when the token was revoked.
     async fn next(&mut self) -> Option<Event> {
-        let events = Arc::clone(&self.app.events);
+        let events = Arc::clone(&self.events);
         if std::mem::take(&mut self.is_restarted) {
             return Some(
                 Event::default().event("lost").id(events.id(self.position)).data("{\"events\":null}"),
             );
         }
         loop {
-            if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
-                self.token_seen_at = Instant::now();
-                if let Some(caller) = &self.caller
-                    && !self.app.access.is_still_valid(caller).await
-                {
-                    return None;
-                }
+            if self.token.is_revoked().await {
+                return None;
             }
             // Subscribed before reading the ring, so that no event is missed in between.
             self.latest.mark_unchanged();
@@ -211,7 +201,7 @@ impl Follower {
             tokio::select! {
                 _ = self.over.wait_for(|over| *over) => return None,
                 changed = self.latest.changed() => changed.ok()?,
-                () = tokio::time::sleep_until(self.token_seen_at + TOKEN_INTERVAL), if self.caller.is_some() => {}
+                () = self.token.due() => {}
             }
         }
     }

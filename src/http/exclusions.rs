@@ -5,7 +5,7 @@ use axum::extract::State;
 use serde::Serialize;
 
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{AssetInPath, Parameters, SegmentInPath};
 use super::segments::{RangeParameters, find};
 use crate::asset::{AssetId, SegmentId};
@@ -26,8 +26,10 @@ pub(super) struct Changed {
     post,
     path = "/v1/segments/{segment}/exclude",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
+    responses(
+        (status = 200, body = Changed),
+        (status = 409, description = "The record belongs to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn exclude(
     State(app): State<App>,
@@ -43,8 +45,10 @@ pub(super) async fn exclude(
     post,
     path = "/v1/segments/{segment}/include",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
+    responses(
+        (status = 200, body = Changed),
+        (status = 409, description = "The record belongs to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn include(
     State(app): State<App>,
@@ -60,8 +64,12 @@ pub(super) async fn include(
     post,
     path = "/v1/assets/{asset}/segments/exclude",
     tag = "records",
-    params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
+    params(RangeParameters),
+    responses(
+        (status = 200, body = Changed),
+        (status = 422, description = "A time out of range"),
+        (status = 409, description = "The records belong to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn exclude_range(
     State(app): State<App>,
@@ -78,8 +86,12 @@ pub(super) async fn exclude_range(
     post,
     path = "/v1/assets/{asset}/segments/include",
     tag = "records",
-    params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
+    params(RangeParameters),
+    responses(
+        (status = 200, body = Changed),
+        (status = 422, description = "A time out of range"),
+        (status = 409, description = "The records belong to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn include_range(
     State(app): State<App>,

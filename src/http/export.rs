@@ -16,7 +16,7 @@ use tokio::io::AsyncReadExt;
 
 use super::app::App;
 use super::body::SpooledBody;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::provenance;
 use super::query::{AssetInPath, Parameters};
 use super::wear::status_name;
@@ -71,10 +71,10 @@ pub(super) struct ExportParameters {
     get,
     path = "/v1/assets/{asset}/export",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), ExportParameters),
+    params(ExportParameters),
     responses(
         (status = 200, body = Vec<u8>, content_type = "application/mcap"),
-        (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"),
+        (status = 422, description = "A time out of range"),
     ),
 )]
 pub(super) async fn export(
@@ -97,7 +97,7 @@ pub(super) async fn export(
     }
 }
 
-/// Writes the export to a file in `folder` and answers with it.
+/// Writes the export to a file in `folder` and returns it.
 async fn write_export(
     app: &App,
     asset: &AssetId,

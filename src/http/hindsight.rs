@@ -11,7 +11,7 @@ use super::app::App;
 use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::{assets, etag};
-use crate::asset::{AssetId, SegmentId};
+use crate::asset::SegmentId;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -55,7 +55,7 @@ struct HindsightRow {
     get,
     path = "/v1/assets/{asset}/wear/hindsight",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), HindsightParameters),
+    params(HindsightParameters),
     responses((status = 200, body = HindsightView), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn hindsight(

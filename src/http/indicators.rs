@@ -16,7 +16,7 @@ use super::query::{self, AssetInPath, Parameters};
 use super::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use super::{assets, etag};
-use crate::asset::{AssetId, AssetSpec};
+use crate::asset::AssetSpec;
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, VELOCITY_RMS, reduction};
 use crate::store::Trend;
@@ -66,7 +66,7 @@ pub(super) struct TrendView {
     get,
     path = "/v1/assets/{asset}/indicators",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), TrendParameters),
+    params(TrendParameters),
     responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn trend(
@@ -83,10 +83,9 @@ pub(super) async fn trend(
         return Ok(etag::not_modified(tag));
     }
     let format = Format::accepted(&headers);
-    let names: Option<Vec<String>> = params.names.as_deref().map(|names| {
-        let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
-        names.map(str::to_owned).collect()
-    });
+    let names = params.names.as_deref();
+    let names: Option<Vec<String>> =
+        names.map(|names| query::entries(Some(names)).map(str::to_owned).collect());
     if let Some(names) = names.as_ref().filter(|names| names.len() > 64) {
         return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }

@@ -10,16 +10,14 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::access::unreadable;
+use super::alarms::check_name;
 use super::app::App;
 use super::body;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
 use super::session::Caller;
 use super::token::{Scope, Token};
-use super::tokens::TokenError;
-
-/// Maximum length of a name in bytes.
-const MAX_NAME: usize = 200;
+use super::token_error::TokenError;
 
 /// Maximum number of tokens: each request searches all of them.
 const MAX_TOKENS: usize = 1000;
@@ -100,8 +98,8 @@ fn place(token: &Token) -> (Timestamp, &str) {
 
 /// Create a token
 ///
-/// The secret is only in this answer. The first token of a service must have the scope `admin`; from then on
-/// every request needs a token. Needs the scope `admin`.
+/// The secret is only in this response. The first token of a service must have the scope `admin`; from then
+/// on every request needs a token. Needs the scope `admin`.
 #[utoipa::path(
     post,
     path = "/v1/tokens",
@@ -109,7 +107,7 @@ fn place(token: &Token) -> (Timestamp, &str) {
     request_body(content = TokenRequest),
     responses(
         (status = 201, body = NewToken),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The maximum number of tokens exists"),
+        (status = 409, description = "The maximum number of tokens exists"),
     ),
 )]
 pub(super) async fn create(
@@ -120,7 +118,7 @@ pub(super) async fn create(
 ) -> Result<Response, Problem> {
     let place = app.access.managed_tokens()?;
     let TokenRequest { name, scope } = body::described(&app.limits, &headers, body).await?;
-    check_name(&name)?;
+    check_name("name", &name)?;
     let known = place.list().await.map_err(|error| unreadable(&error))?;
     match &known {
         None if scope != Scope::Admin => {
@@ -158,10 +156,9 @@ pub(super) async fn create(
     delete,
     path = "/v1/tokens/{token}",
     tag = "service",
-    params(("token" = String, Path, description = "The token's identifier, not the token itself")),
     responses(
         (status = 204, description = "Revoked"),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "It is the last token with the scope admin"),
+        (status = 409, description = "It is the last token with the scope admin"),
     ),
 )]
 pub(super) async fn revoke(
@@ -192,12 +189,4 @@ pub(super) async fn revoke(
 
 fn by(caller: Option<&Caller>) -> &str {
     caller.map_or("unauthenticated", |caller| &caller.token.id)
-}
-
-fn check_name(name: &str) -> Result<(), Problem> {
-    if name.trim().is_empty() || name.chars().count() > MAX_NAME || name.chars().any(char::is_control) {
-        let expected = "a name of 1 to 200 characters, none of them control characters";
-        return Err(Problem::content("name", format!("{name:?}"), expected));
-    }
-    Ok(())
 }

@@ -18,7 +18,7 @@ pub(super) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Err
     }
     match path_of::<T>(bytes) {
         Some(path) => {
-            // What the parser says of a list that goes on.
+            // The parser's words for a list that is too long.
             let cause = message.replace("trailing characters", "too many elements, expected fewer");
             Problem::new(status, format!("invalid body: {path}: {cause}")).of_field(path)
         }

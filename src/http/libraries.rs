@@ -97,7 +97,6 @@ pub(super) struct LibraryView {
     get,
     path = "/v1/libraries/{library}",
     tag = "libraries",
-    params(("library" = String, Path, description = "The library")),
     responses((status = 200, body = LibraryView)),
 )]
 pub(super) async fn show(
@@ -140,7 +139,6 @@ pub(super) struct StateView {
     get,
     path = "/v1/libraries/{library}/states/{state}",
     tag = "libraries",
-    params(("library" = String, Path, description = "The library"), ("state" = String, Path, description = "Number of the state, from 0")),
     responses((status = 200, body = StateView)),
 )]
 pub(super) async fn state(

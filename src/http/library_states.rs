@@ -63,7 +63,6 @@ fn extent(values: &[f64]) -> [f64; 2] {
     get,
     path = "/v1/libraries/{library}/states",
     tag = "libraries",
-    params(("library" = String, Path, description = "The library")),
     responses((status = 200, body = Page<StateRow>)),
 )]
 pub(super) async fn list(
@@ -122,7 +121,7 @@ struct FlankRow {
     get,
     path = "/v1/libraries/{library}/flank",
     tag = "libraries",
-    params(("library" = String, Path, description = "The library"), FlankParameters),
+    params(FlankParameters),
     responses((status = 200, body = FlankView)),
 )]
 pub(super) async fn flank(

@@ -20,7 +20,7 @@ pub struct HttpLimits {
     pub header_bytes: usize,
     /// Time to send a request's head, and time that a connection may stay idle.
     pub header_timeout: Duration,
-    /// Time that a client may stop reading its answer.
+    /// Time that a client may stop reading its response.
     pub write_timeout: Duration,
     /// Requests per second and token.
     pub requests_per_s: NonZeroU32,

@@ -80,7 +80,7 @@ impl SpectrumLines {
                     Ok(read(&positions, &spectrum.amplitude, spectrum.resolution_hz))
                 }
                 Axis::Orders => analyzer
-                    .order_spectrum(record, mesh, None)
+                    .order_spectrum(record, mesh)
                     .map(|spectrum| read(&positions, &spectrum.amplitude, spectrum.resolution_orders)),
             })
             .await

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::app::App;
 use super::line_cache::Axis;
 use super::line_levels::{SpectrumKind, SpectrumLines, geometric_mean};
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{Parameters, SegmentInPath};
 use super::waterfall::evenly;
 use super::{angle, envelope_band, matching, segments};
@@ -80,8 +80,11 @@ struct Line {
     get,
     path = "/v1/segments/{segment}/lines",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), LineParameters),
-    responses((status = 200, body = LinesView), (status = 422, body = Details, description = "The record has no spectrum over orders", content_type = "application/problem+json")),
+    params(LineParameters),
+    responses(
+        (status = 200, body = LinesView),
+        (status = 422, description = "The record has no spectrum over orders"),
+    ),
 )]
 pub(super) async fn lines(
     State(app): State<App>,

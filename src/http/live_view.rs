@@ -10,11 +10,11 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::unfold;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
-use tokio::time::Instant;
 
+use super::access::TokenWatch;
 use super::app::App;
 use super::events;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::session::Caller;
 use super::shares::{Client, Share};
@@ -24,9 +24,6 @@ use crate::service::{LiveFrame, LiveUpdate, StreamViewer};
 
 /// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-
-/// Interval at which the token of a view is checked.
-const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The stream to watch.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -76,7 +73,7 @@ struct LiveWaiting {
     params(("asset" = AssetId, Path, description = "The asset"), LiveParameters),
     responses(
         (status = 200, body = LiveViewEvent, content_type = "text/event-stream"),
-        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many streams are open"),
+        (status = 503, description = "Too many streams are open"),
     ),
 )]
 pub(super) async fn watch(
@@ -91,9 +88,8 @@ pub(super) async fn watch(
         return Ok(events::too_many());
     };
     let viewer = app.service.streams.watch(&asset, name).await?;
-    let caller = caller.map(|Extension(caller)| caller);
-    let over = app.service.streams.follow_end();
-    let view = View { app, viewer, caller, over, token_seen_at: Instant::now(), _share: share };
+    let token = TokenWatch::new(app.access, caller.map(|Extension(caller)| caller));
+    let view = View { viewer, token, over: app.service.streams.follow_end(), _share: share };
     let events = unfold(view, async |mut view| {
         let event = view.next().await?;
         Some((Ok::<_, Infallible>(event), view))
@@ -103,12 +99,9 @@ pub(super) async fn watch(
 
 /// A connection that watches a stream.
 struct View {
-    app: App,
     viewer: StreamViewer,
-    /// The token that opened the view, which ends when the token is revoked.
-    caller: Option<Caller>,
+    token: TokenWatch,
     over: watch::Receiver<bool>,
-    token_seen_at: Instant,
     _share: Share,
 }
 
@@ -116,18 +109,13 @@ impl View {
     /// Returns the next event; `None` at the end.
     async fn next(&mut self) -> Option<Event> {
         loop {
-            if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
-                self.token_seen_at = Instant::now();
-                if let Some(caller) = &self.caller
-                    && !self.app.access.is_still_valid(caller).await
-                {
-                    return None;
-                }
+            if self.token.is_revoked().await {
+                return None;
             }
             tokio::select! {
                 _ = self.over.wait_for(|over| *over) => return None,
                 update = self.viewer.next() => return Some(event(&update?)),
-                () = tokio::time::sleep_until(self.token_seen_at + TOKEN_INTERVAL), if self.caller.is_some() => {}
+                () = self.token.due() => {}
             }
         }
     }

@@ -1,17 +1,16 @@
 //! `/v1/assets/{asset}/maintenance`: maintenance events of a machine.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::{FromRequestParts, Path, State};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alarms::check_signature;
 use super::app::App;
-use super::body;
+use super::body::Described;
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::AssetId;
@@ -67,23 +66,20 @@ impl EventView {
 /// Add a maintenance event
 ///
 /// It takes effect from the first record at or after its time. If there are such records, the history is
-/// recomputed in the background. Sending the same event again returns the first answer.
+/// recomputed in the background. Sending the same event again returns the first response.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/maintenance",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset")),
     request_body(content = Done),
     responses((status = 201, body = EventView, headers(("location" = String, description = "Its address")))),
 )]
 pub(super) async fn add(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    headers: HeaderMap,
-    body: Body,
+    Described(done): Described<Done>,
 ) -> Result<impl IntoResponse, Problem> {
-    let Done { time, kind, by, comment, inspection, until } =
-        body::described(&app.limits, &headers, body).await?;
+    let Done { time, kind, by, comment, inspection, until } = done;
     check_signature(&by, &comment)?;
     let time = time.unwrap_or_else(|| app.service.now());
     check_inspection(kind, inspection.as_ref())?;
@@ -102,7 +98,7 @@ pub(super) async fn add(
     get,
     path = "/v1/assets/{asset}/maintenance",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset"), PageParameters),
+    params(PageParameters),
     responses((status = 200, body = Page<EventView>)),
 )]
 pub(super) async fn list(
@@ -127,10 +123,6 @@ pub(super) async fn list(
     delete,
     path = "/v1/assets/{asset}/maintenance/{event}",
     tag = "assets",
-    params(
-        ("asset" = AssetId, Path, description = "The asset"),
-        ("event" = String, Path, description = "The event"),
-    ),
     responses((status = 204, description = "Gone")),
 )]
 pub(super) async fn remove(
@@ -153,9 +145,7 @@ impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let parsed = Path::<(String, String)>::from_request_parts(parts, state).await;
         let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
-        let asset =
-            AssetId::new(asset).map_err(|error| Problem::not_found(format!("asset not found: {error}")))?;
-        Ok(Self { asset, event })
+        Ok(Self { asset: query::asset_id(asset)?, event })
     }
 }
 

@@ -61,7 +61,6 @@ struct FeatureRow {
     get,
     path = "/v1/segments/{segment}/match",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = MatchView)),
 )]
 pub(super) async fn show(

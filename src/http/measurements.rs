@@ -27,7 +27,7 @@ struct RouteMeasurements {
     /// Number of requests per latency bucket, not cumulative; the last one counts requests beyond all bounds.
     latency: [u64; BOUNDS_S.len() + 1],
     latency_sum_s: f64,
-    /// Answers by the first digit of the status.
+    /// Responses by the first digit of the status.
     answers: BTreeMap<u16, u64>,
 }
 

@@ -1,7 +1,7 @@
 //! The HTTP API and the dashboard.
 //!
 //! All routes are in `router`, one file per resource; a handler extracts, calls and renders. Every error is
-//! answered as a problem (RFC 9457).
+//! returned as a problem (RFC 9457).
 
 mod access;
 mod alarm_trials;
@@ -83,6 +83,7 @@ mod stream_views;
 mod streams;
 mod table;
 mod token;
+mod token_error;
 mod tokens;
 mod traffic;
 mod tus;
@@ -103,4 +104,5 @@ pub use server::{Node, RunningService, ServiceConfig, start, start_node, start_o
 pub use start_error::StartError;
 pub(crate) use table::{PARQUET, REDUCED};
 pub use token::{Scope, Token};
-pub use tokens::{TokenError, Tokens};
+pub use token_error::TokenError;
+pub use tokens::Tokens;

@@ -30,6 +30,19 @@ const DESCRIPTION: &str = "Takes vibration records; returns condition indicators
     Lists are paged by `cursor`. Errors are RFC 9457 problems that name the field, its value and what was expected. Only 429, 502, 503 \
     and 504 are worth retrying, after the time in `Retry-After`.";
 
+/// What the parameters in paths are.
+const IN_PATH: [(&str, &str); 9] = [
+    ("alarm", "The alarm"),
+    ("asset", "The asset"),
+    ("event", "The event"),
+    ("library", "The library"),
+    ("replay", "The replay"),
+    ("segment", "The segment"),
+    ("state", "Number of the state, from 0"),
+    ("token", "The token's identifier, not the token itself"),
+    ("upload", "The upload"),
+];
+
 /// Problems that any operation can return, and those of operations with a name in the path or with a body.
 const COMMON: &[(&str, &str)] = &[
     ("400", "Invalid parameter"),
@@ -86,6 +99,7 @@ fn document(generated: &OpenApi) -> Value {
         for (path, operations) in paths {
             for (method, operation) in operations.as_object_mut().into_iter().flatten() {
                 operation["operationId"] = json!(operation_id(method, path));
+                add_path_parameters(path, operation);
                 add_problems(path, operation);
             }
         }
@@ -99,6 +113,29 @@ fn operation_id(method: &str, path: &str) -> String {
     words.fold(method.to_owned(), |id, word| format!("{id}_{word}"))
 }
 
+/// Describes the parameters in the path of an operation, before its others.
+fn add_path_parameters(path: &str, operation: &mut Value) {
+    let mut parameters = Vec::new();
+    for name in path.split('/').filter_map(|part| part.strip_prefix('{')?.strip_suffix('}')) {
+        let description =
+            IN_PATH.iter().find(|(known, _)| *known == name).map(|(_, description)| description);
+        let schema = match name {
+            "asset" => json!({ "$ref": "#/components/schemas/AssetId" }),
+            _ => json!({ "type": "string" }),
+        };
+        parameters.push(json!({
+            "name": name, "in": "path", "required": true, "description": description, "schema": schema,
+        }));
+    }
+    let own = operation.get_mut("parameters").and_then(Value::as_array_mut).map(std::mem::take);
+    let own = own.unwrap_or_default();
+    parameters.extend(own.into_iter().filter(|parameter| parameter["in"] != "path"));
+    if !parameters.is_empty() {
+        operation["parameters"] = Value::Array(parameters);
+    }
+}
+
+/// Adds the problems that every such operation can return, and the content of all problems.
 fn add_problems(path: &str, operation: &mut Value) {
     let mut problems = COMMON.to_vec();
     if path.contains('{') {
@@ -113,13 +150,14 @@ fn add_problems(path: &str, operation: &mut Value) {
     if path.ends_with("/export") {
         problems.extend(WITH_FILE);
     }
+    let Some(answers) = operation["responses"].as_object_mut() else { return };
     for (status, description) in problems {
-        let answers = &mut operation["responses"];
-        if answers.get(status).is_none() {
-            answers[status] = json!({
-                "description": description,
-                "content": { "application/problem+json": { "schema": { "$ref": "#/components/schemas/Problem" } } },
-            });
+        answers.entry(status).or_insert_with(|| json!({ "description": description }));
+    }
+    for (status, answer) in answers {
+        if status.starts_with(['4', '5']) && answer.get("content").is_none() {
+            let schema = json!({ "$ref": "#/components/schemas/Problem" });
+            answer["content"] = json!({ "application/problem+json": { "schema": schema } });
         }
     }
 }
@@ -193,5 +231,15 @@ mod tests {
         assert_eq!(spec("AssetSpec")["oneOf"][0]["required"][0], "gear");
         let alarms = &document["paths"]["/v1/alarms"]["get"]["parameters"];
         assert!(alarms[0]["schema"]["pattern"].is_string(), "{alarms}");
+    }
+
+    #[test]
+    fn every_parameter_in_a_path_is_described() {
+        let document = document(&super::super::router::operations().to_openapi());
+        let paths = document["paths"].as_object().unwrap();
+        let operations = paths.values().flat_map(|operations| operations.as_object().unwrap().values());
+        let parameters = operations.flat_map(|operation| operation["parameters"].as_array()).flatten();
+        let in_path: Vec<&Value> = parameters.filter(|parameter| parameter["in"] == "path").collect();
+        assert!(in_path.len() > 50 && in_path.iter().all(|parameter| parameter["description"].is_string()));
     }
 }

@@ -22,7 +22,7 @@ use crate::gear::PairSpec;
 pub(super) struct Request {
     /// The mesh as in an asset's description.
     gear: GearSpec,
-    /// Maximum wear depth in µm, from 0 to the answer's `max_wear_um`.
+    /// Maximum wear depth in µm, from 0 to the response's `max_wear_um`.
     #[serde(default)]
     wear_um: f64,
     /// Torque on the driving gear in N·m; by default the pair's.
@@ -55,7 +55,7 @@ pub(super) struct Preview {
 ///
 /// The model's predictions for a described pair, without an asset or a library: geometry with its limits, and
 /// at a wear depth, torque and speed the flanks, mesh stiffness, transmission error and expected vibration.
-/// For an impossible pair, the answer lists all errors and any geometry that can be computed. The mesh uses
+/// For an impossible pair, the response lists all errors and any geometry that can be computed. The mesh uses
 /// the coarse resolution (the first ten mesh harmonics are within 1 % of a library's) and the compliance of
 /// the unworn teeth; the vibration covers at most 256 mesh periods. Archard wear uses steps of 1/24 of the
 /// maximum depth.

@@ -54,7 +54,7 @@ pub(super) struct Details {
     is_of_disk: bool,
 }
 
-/// Marks an answer that reports damage to the database file.
+/// Marks a response that reports damage to the database file.
 #[derive(Debug, Clone)]
 pub(super) struct DamageFound(pub(super) FoundDamage);
 
@@ -106,7 +106,7 @@ impl Problem {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, detail).retry_after(retry_after_s)
     }
 
-    /// The body of the answer.
+    /// The body of the response.
     pub(super) fn body(&self) -> Vec<u8> {
         serde_json::to_vec(&self.0).unwrap_or_default()
     }

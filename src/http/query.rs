@@ -1,4 +1,4 @@
-//! Parts of an address: names, pages, numbers of points.
+//! Parts of a URL: names, pages, numbers of points.
 
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{FromRequestParts, Path, Query};
@@ -56,9 +56,13 @@ impl<S: Send + Sync> FromRequestParts<S> for AssetInPath {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        let id = text_in_path(parts, state).await?;
-        AssetId::new(id).map(Self).map_err(|error| Problem::not_found(format!("asset not found: {error}")))
+        asset_id(text_in_path(parts, state).await?).map(Self)
     }
+}
+
+/// Parses an asset's name in a path: no asset has an invalid one.
+pub(super) fn asset_id(name: String) -> Result<AssetId, Problem> {
+    AssetId::new(name).map_err(|error| Problem::not_found(format!("asset not found: {error}")))
 }
 
 /// A segment's identifier in the path.
@@ -120,6 +124,11 @@ impl<T> Page<T> {
     pub(super) fn from_parts(items: Vec<T>, next_cursor: Option<String>) -> Self {
         Self { items, next_cursor }
     }
+}
+
+/// The entries of a comma-separated list.
+pub(super) fn entries(list: Option<&str>) -> impl Iterator<Item = &str> {
+    list.unwrap_or_default().split(',').map(str::trim).filter(|entry| !entry.is_empty())
 }
 
 /// The requested page size.

@@ -17,7 +17,6 @@ use crate::asset::Segment;
     get,
     path = "/v1/segments/{segment}/raw",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, description = "The recording, in its original media type", content(
         (Vec<u8> = "audio/wav"), (Vec<u8> = "audio/flac"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"),
         (Vec<u8> = "application/x-matlab-data"), (Vec<u8> = "application/x-npy"),
@@ -40,7 +39,7 @@ pub(super) async fn download(
     Ok((fields, bytes).into_response())
 }
 
-/// The media type and file extension of an answer. The stored layout parameters are internal.
+/// The media type and file extension of a response. The stored layout parameters are internal.
 fn form_of(media_type: &str) -> (&'static str, &'static str) {
     match media_type.split(';').next().unwrap_or_default().trim() {
         "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),

@@ -5,7 +5,7 @@ use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::Parameters;
 use crate::asset::AssetId;
 use crate::service::Recomputation;
@@ -35,8 +35,8 @@ pub(super) struct RecomputationList {
     params(ListParameters),
     responses(
         (status = 200, body = RecomputationList),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
-        (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid asset id"),
+        (status = 404, description = "Asset not found"),
+        (status = 422, description = "Invalid asset id"),
     ),
 )]
 pub(super) async fn list(

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::app::App;
-use super::problem::{Details, Problem};
-use super::query::{AssetInPath, Parameters};
+use super::problem::Problem;
+use super::query::{self, AssetInPath, Parameters};
 use super::selection::{self, Selection};
 use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
 use crate::estimate::WearStatus;
@@ -92,11 +92,10 @@ impl RecordChoice {
 
 /// The requested statuses.
 pub(super) fn parse_statuses(requested: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
-    let names = requested.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
     let status = |name: &str| {
         serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES))
     };
-    names.map(status).collect()
+    query::entries(requested).map(status).collect()
 }
 
 /// One range for each record of an asset named in `ids`.
@@ -147,8 +146,8 @@ pub(super) struct RecordCount {
     get,
     path = "/v1/assets/{asset}/segments/count",
     tag = "records",
-    params(("asset" = AssetId, Path, description = "The asset"), CountParameters),
-    responses((status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 200, body = RecordCount)),
+    params(CountParameters),
+    responses((status = 422, description = "A time out of range"), (status = 200, body = RecordCount)),
 )]
 pub(super) async fn count(
     State(app): State<App>,

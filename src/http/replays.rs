@@ -3,15 +3,14 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use serde::Serialize;
 
 use super::app::App;
-use super::body;
-use super::problem::{Details, Problem};
+use super::body::Described;
+use super::problem::Problem;
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
 use crate::service::{Replay, ReplayFile, ReplayRequest};
 
@@ -23,14 +22,16 @@ use crate::service::{Replay, ReplayFile, ReplayRequest};
     path = "/v1/replays",
     tag = "replays",
     request_body(content = ReplayRequest),
-    responses((status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"), (status = 409, body = Details, content_type = "application/problem+json", description = "The asset uses the sensor of another asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
+    responses(
+        (status = 404, description = "Asset not found"),
+        (status = 409, description = "The asset uses the sensor of another asset"),
+        (status = 202, body = Replay, headers(("location" = String, description = "Its address"))),
+    ),
 )]
 pub(super) async fn start(
     State(app): State<App>,
-    headers: HeaderMap,
-    body: Body,
+    Described(request): Described<ReplayRequest>,
 ) -> Result<impl IntoResponse, Problem> {
-    let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;
     let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
@@ -90,7 +91,6 @@ pub(super) async fn list(
     get,
     path = "/v1/replays/{replay}",
     tag = "replays",
-    params(("replay" = String, Path, description = "The replay")),
     responses((status = 200, body = Replay)),
 )]
 pub(super) async fn show(
@@ -105,7 +105,6 @@ pub(super) async fn show(
     delete,
     path = "/v1/replays/{replay}",
     tag = "replays",
-    params(("replay" = String, Path, description = "The replay")),
     responses((status = 200, body = Replay)),
 )]
 pub(super) async fn stop(

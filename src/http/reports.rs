@@ -134,7 +134,7 @@ const CHOICE: &str = "indicators=";
     get,
     path = "/v1/assets/{asset}/report",
     tag = "assets",
-    params(("asset" = String, Path, description = "The asset"), ReportParameters),
+    params(ReportParameters),
     responses((status = 200, body = String, content_type = "text/html")),
 )]
 pub(super) async fn show(

@@ -40,8 +40,8 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Delay before retrying an upload that could not be processed.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// While the disk is full or fails, the delay doubles up to this limit: each retry reads the recording from the
-/// beginning.
+/// While the disk is full or fails, the delay doubles up to this limit: each retry reads the recording from
+/// the beginning.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// Continues uploads that an earlier process left behind, and looks after uploads in the background.

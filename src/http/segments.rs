@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::record_choice::{self, RecordChoice};
 use super::selection;
@@ -113,8 +113,8 @@ impl SegmentRow {
     get,
     path = "/v1/assets/{asset}/segments",
     tag = "records",
-    params(("asset" = AssetId, Path, description = "The asset"), ListParameters),
-    responses((status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 200, body = Page<SegmentRow>)),
+    params(ListParameters),
+    responses((status = 422, description = "A time out of range"), (status = 200, body = Page<SegmentRow>)),
 )]
 pub(super) async fn list(
     State(app): State<App>,
@@ -160,7 +160,6 @@ pub(super) struct SegmentView {
     get,
     path = "/v1/segments/{segment}",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = SegmentView)),
 )]
 pub(super) async fn show(
@@ -182,8 +181,10 @@ pub(super) async fn show(
     delete,
     path = "/v1/segments/{segment}",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
-    responses((status = 204, description = "Deleted"), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
+    responses(
+        (status = 204, description = "Deleted"),
+        (status = 409, description = "The record belongs to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn remove(
     State(app): State<App>,
@@ -245,8 +246,12 @@ pub(super) struct Deleted {
     delete,
     path = "/v1/assets/{asset}/segments",
     tag = "records",
-    params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Deleted), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
+    params(RangeParameters),
+    responses(
+        (status = 200, body = Deleted),
+        (status = 422, description = "A time out of range"),
+        (status = 409, description = "The records belong to another asset with the same sensor"),
+    ),
 )]
 pub(super) async fn remove_range(
     State(app): State<App>,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::tokens::TokenError;
+use super::token_error::TokenError;
 use crate::service::ServiceError;
 use crate::store::StoreError;
 

@@ -118,7 +118,7 @@ impl Table {
     }
 }
 
-/// Answers in the requested format, with an entity tag.
+/// Responds in the requested format, with an entity tag.
 pub(super) fn answer<T: Serialize>(
     mark: HeaderValue,
     format: Format,

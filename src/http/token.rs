@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
-use super::tokens::TokenError;
+use super::token_error::TokenError;
 use crate::store::StoredToken;
 
 /// Prefix of every token, so that leaked tokens can be recognised.

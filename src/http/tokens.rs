@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
-use thiserror::Error;
 
 use super::token::{Scope, Token, mint};
-use crate::store::{Store, StoreError, TokenStore, TokensVersion};
+use super::token_error::TokenError;
+use crate::store::{Store, TokenStore, TokensVersion};
 
 /// Maximum age of a node's cached tokens: after this time a created or revoked token is accepted or refused
 /// everywhere.
@@ -21,42 +21,6 @@ const MAX_AGE_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
 
 /// Timeout of the database.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
-
-/// Why tokens cannot be read or stored.
-#[derive(Debug, Error)]
-pub enum TokenError {
-    /// The system provides no random numbers.
-    #[error("no random numbers available: {0}")]
-    Random(String),
-    /// The token does not exist.
-    #[error("token {0:?} not found")]
-    Unknown(String),
-    /// The store failed.
-    #[error("tokens: {0}")]
-    Store(#[from] StoreError),
-    /// The database does not answer.
-    #[error("tokens: the database does not answer")]
-    Silent,
-    /// A stored token is invalid.
-    #[error("token {id}: {reason}")]
-    Stored {
-        /// The token.
-        id: String,
-        /// What is wrong.
-        reason: String,
-    },
-}
-
-impl TokenError {
-    /// Whether the store is unavailable, so that a retry can succeed.
-    pub(super) fn is_unavailable(&self) -> bool {
-        match self {
-            Self::Silent => true,
-            Self::Store(error) => error.is_unavailable(),
-            _ => false,
-        }
-    }
-}
 
 /// The tokens of a service.
 #[derive(Debug)]

@@ -50,13 +50,13 @@ pub(super) async fn time_out(
     }
 }
 
-/// Answers for a handler that panicked.
+/// Responds for a handler that panicked.
 pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
     // the panic message itself goes to standard error
     Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error; see the log").into_response()
 }
 
-/// Measures the time from a request's head to the head of its answer.
+/// Measures the time from a request's head to the head of its response.
 pub(super) async fn measure(
     State(app): State<App>,
     path: Option<MatchedPath>,

@@ -8,10 +8,12 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD_NO_PAD;
 
 use super::app::App;
 use super::body;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::NameInPath;
 use super::resumable;
 use super::resumable_upload::ResumableUpload;
@@ -59,20 +61,7 @@ fn metadata(headers: &HeaderMap, key: &str) -> Option<String> {
 }
 
 fn from_base64(text: &str) -> Option<Vec<u8>> {
-    let digits = text.trim_end_matches('=').bytes().map(|byte| match byte {
-        b'A'..=b'Z' => Some(byte - b'A'),
-        b'a'..=b'z' => Some(byte - b'a' + 26),
-        b'0'..=b'9' => Some(byte - b'0' + 52),
-        b'+' => Some(62),
-        b'/' => Some(63),
-        _ => None,
-    });
-    let digits: Vec<u8> = digits.collect::<Option<_>>()?;
-    let bytes = digits.chunks(4).flat_map(|chunk| {
-        let word = (0..4).fold(0_u32, |word, n| word << 6 | u32::from(chunk.get(n).copied().unwrap_or(0)));
-        word.to_be_bytes().into_iter().skip(1).take(chunk.len() * 6 / 8)
-    });
-    Some(bytes.collect())
+    STANDARD_NO_PAD.decode(text.trim_end_matches('=')).ok()
 }
 
 fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
@@ -103,10 +92,10 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
     ),
     responses(
         (status = 201, description = "Created", headers(("location" = String, description = "Its address"))),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
-        (status = 412, body = Details, content_type = "application/problem+json", description = "Unsupported tus version"),
-        (status = 413, body = Details, content_type = "application/problem+json", description = "Too long"),
-        (status = 507, body = Details, content_type = "application/problem+json", description = "Insufficient storage"),
+        (status = 404, description = "Asset not found"),
+        (status = 412, description = "Unsupported tus version"),
+        (status = 413, description = "Too long"),
+        (status = 507, description = "Insufficient storage"),
     ),
 )]
 pub(super) async fn create(
@@ -152,7 +141,6 @@ pub(super) async fn options(State(app): State<App>) -> Response {
     head,
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
-    params(("upload" = String, Path, description = "The upload")),
     responses((status = 200, description = "`upload-offset` is the number of bytes received")),
 )]
 pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
@@ -166,7 +154,6 @@ pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -
     get,
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
-    params(("upload" = String, Path, description = "The upload")),
     responses((status = 200, body = ResumableUpload)),
 )]
 pub(super) async fn show(
@@ -184,15 +171,14 @@ pub(super) async fn show(
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
     params(
-        ("upload" = String, Path, description = "The upload"),
         ("tus-resumable" = String, Header, description = "`1.0.0`"),
         ("upload-offset" = u64, Header, description = "Bytes received already"),
     ),
     request_body(content = Vec<u8>, content_type = "application/offset+octet-stream"),
     responses(
         (status = 204, description = "Stored; `upload-offset` is the number of bytes received"),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "Wrong offset, or the upload is complete"),
-        (status = 412, body = Details, content_type = "application/problem+json", description = "Unsupported tus version"),
+        (status = 409, description = "Wrong offset, or the upload is complete"),
+        (status = 412, description = "Unsupported tus version"),
     ),
 )]
 pub(super) async fn append(
@@ -216,8 +202,10 @@ pub(super) async fn append(
     delete,
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
-    params(("upload" = String, Path, description = "The upload")),
-    responses((status = 204, description = "Deleted"), (status = 409, body = Details, content_type = "application/problem+json", description = "The upload is being written or processed")),
+    responses(
+        (status = 204, description = "Deleted"),
+        (status = 409, description = "The upload is being written or processed"),
+    ),
 )]
 pub(super) async fn cancel(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
     resumable::cancel(&app, &id).await?;

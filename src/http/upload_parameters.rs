@@ -1,4 +1,4 @@
-//! The parameters of an upload's address, and the format and metadata they give.
+//! The query parameters of an upload, and the format and metadata they give.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ const EXPECTED: &str = "audio/wav, audio/flac, text/csv, application/x-matlab-da
 /// Millivolts in a volt.
 const MV_PER_V: f64 = 1e3;
 
-/// Record metadata in the address of an upload.
+/// Record metadata in the query of an upload.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -81,9 +81,9 @@ pub(super) struct UploadParameters {
     /// For `application/octet-stream`: number of channels, default 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
-    /// Factor for each value, stored with the record. Full-scale integers of WAV and FLAC are 1 before it. For
-    /// `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`. Not
-    /// for messages and MCAP.
+    /// Factor for each value, stored with the record. Full-scale integers of WAV and FLAC are 1 before it.
+    /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
+    /// Not for messages and MCAP.
     #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
     /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`) to g. For WAV, FLAC, CSV,

@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 
 use super::app::App;
 use super::body::{self, SpooledBody};
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::upload_parameters::UploadParameters;
 use crate::asset::{AssetId, Segment, SegmentId};
@@ -32,7 +32,7 @@ const MAX_KEY_BYTES: usize = 255;
 pub(super) enum TakenRecord {
     /// The stored segment.
     Stored(Box<Segment>),
-    /// The accepted record, if it is analysed after the answer: the segment will have this `id`.
+    /// The accepted record, if it is analysed after the response: the segment will have this `id`.
     Queued(Box<HandedOver>),
 }
 
@@ -84,17 +84,16 @@ pub(super) struct RecordingAnswer {
 
 /// Upload a recording
 ///
-/// Answered when the record is on disk and in the database; in a cluster, when its bytes are stored and it is
-/// in the workers' queue, with the `state` `queued` and the `id` of the future segment. The same bytes for
-/// the same asset, channel and time are one segment: a repeat returns that segment in its current state. With
-/// an `Idempotency-Key`, a repeat returns the first answer, with `Idempotency-Replayed: true`, and a
-/// recording without a start time has the time of its first receipt.
+/// The response is sent when the record is on disk and in the database; in a cluster, when its bytes are
+/// stored and it is in the workers' queue, with the `state` `queued` and the `id` of the future segment. The
+/// same bytes for the same asset, channel and time are one segment: a repeat returns that segment in its
+/// current state. With an `Idempotency-Key`, a repeat returns the first response, with `Idempotency-Replayed:
+/// true`, and a recording without a start time has the time of its first receipt.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments",
     tag = "records",
     params(
-        ("asset" = AssetId, Path, description = "The asset"),
         UploadParameters,
         ("idempotency-key" = Option<String>, Header, description = "Key of this upload, at most 255 visible characters, kept for 7 days"),
         ("content-encoding" = Option<String>, Header, description = "`gzip` or `zstd`"),
@@ -113,7 +112,7 @@ pub(super) struct RecordingAnswer {
     ),
     responses(
         (status = 201, body = UploadAnswer),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The key was used for another upload, or the asset uses the sensor of another one"),
+        (status = 409, description = "The key was used for another upload, or the asset uses the sensor of another one"),
     ),
 )]
 pub(super) async fn upload(
@@ -138,13 +137,13 @@ struct Upload<'a> {
     key: Option<String>,
 }
 
-/// An answer and its origin.
+/// A response and its origin.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Answered {
-    /// A new answer.
+    /// A new response.
     Now(UploadAnswer),
-    /// The stored answer of an earlier upload with the same key.
+    /// The stored response of an earlier upload with the same key.
     Before(serde_json::Value),
 }
 
@@ -203,8 +202,8 @@ impl Upload<'_> {
         self.store_answer(work).await
     }
 
-    /// Processes an upload and stores its answer for repeats with the same key, in a task of its own, so that
-    /// a disconnected client does not interrupt it.
+    /// Processes an upload and stores its response for repeats with the same key, in a task of its own, so
+    /// that a disconnected client does not interrupt it.
     async fn store_answer(
         &self,
         work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static,
@@ -262,7 +261,7 @@ impl Upload<'_> {
     }
 }
 
-/// The stored answer of an earlier upload.
+/// The stored response of an earlier upload.
 fn answer_before(first: &KeyedUpload) -> Option<Answered> {
     serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
 }

@@ -102,7 +102,7 @@ fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S
     get,
     path = "/v1/assets/{asset}/waterfall",
     tag = "trends",
-    params(("asset" = String, Path, description = "The asset"), WaterfallParameters),
+    params(WaterfallParameters),
     responses((status = 200, body = WaterfallView)),
 )]
 pub(super) async fn show(

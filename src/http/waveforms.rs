@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::app::App;
 use super::line_range::LineRange;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::query::{self, Parameters, SegmentInPath};
 use super::{envelope_band, matching, segments};
 use crate::asset::{Segment, SegmentId};
@@ -67,7 +67,7 @@ pub(super) struct Waveform {
     get,
     path = "/v1/segments/{segment}/waveform",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), WaveformParameters),
+    params(WaveformParameters),
     responses((status = 200, body = Waveform)),
 )]
 pub(super) async fn waveform(
@@ -179,7 +179,7 @@ struct MeshHarmonic {
     get,
     path = "/v1/segments/{segment}/spectrum",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), SpectrumParameters),
+    params(SpectrumParameters),
     responses((status = 200, body = SpectrumView)),
 )]
 pub(super) async fn spectrum(
@@ -241,8 +241,11 @@ pub(super) struct EnvelopeView {
     get,
     path = "/v1/segments/{segment}/envelope",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment"), EnvelopeParameters),
-    responses((status = 200, body = EnvelopeView), (status = 422, body = Details, content_type = "application/problem+json", description = "The record does not resolve the asset's band")),
+    params(EnvelopeParameters),
+    responses(
+        (status = 200, body = EnvelopeView),
+        (status = 422, description = "The record does not resolve the asset's band"),
+    ),
 )]
 pub(super) async fn envelope(
     State(app): State<App>,

@@ -17,7 +17,7 @@ use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, ChannelContribution, WearEstimate, WearStatus};
 use crate::service::JointWear;
 use crate::signal::{ShaftSpeed, reduction};
-use crate::store::Trend;
+use crate::store::{Trend, WearPoint};
 
 /// Default number of points of a history.
 const DEFAULT_POINTS: usize = 2000;
@@ -58,7 +58,7 @@ pub(super) struct WearView {
     get,
     path = "/v1/assets/{asset}/wear",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), WearParameters),
+    params(WearParameters),
     responses((status = 200, body = WearView), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn latest(
@@ -104,7 +104,7 @@ pub(super) async fn latest(
     Ok(([(header::ETAG, tag)], Json(view)).into_response())
 }
 
-/// The answer before the first record.
+/// The response before the first record.
 fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
     let need = spec.baseline.records;
     let reason = format!("no records yet: collecting baseline, 0 of {need}");
@@ -151,26 +151,8 @@ struct HistoryRow {
     /// The operating bin of the record, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     operating_bin: Option<String>,
-    /// Status of the estimate.
-    status: WearStatus,
-    /// Reason of the status.
-    reason: String,
-    /// Median wear depth in µm.
-    median_um: Option<f64>,
-    /// Mean wear depth in µm.
-    mean_um: Option<f64>,
-    /// Lower end of the 90 % interval of the wear depth in µm.
-    low_um: Option<f64>,
-    /// 25 % quantile of wear depth in µm.
-    p25_um: Option<f64>,
-    /// 75 % quantile of wear depth in µm.
-    p75_um: Option<f64>,
-    /// Upper end of the 90 % interval in µm.
-    high_um: Option<f64>,
-    /// Wear depth in µm known from another source.
-    reference_wear_um: Option<f64>,
-    /// Natural logarithm of the record's evidence under the library.
-    log_evidence: Option<f64>,
+    #[serde(flatten)]
+    point: WearPoint,
 }
 
 /// Trend of wear
@@ -178,7 +160,7 @@ struct HistoryRow {
     get,
     path = "/v1/assets/{asset}/wear/history",
     tag = "trends",
-    params(("asset" = AssetId, Path, description = "The asset"), HistoryParameters),
+    params(HistoryParameters),
     responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn history(
@@ -219,21 +201,21 @@ fn table_of(view: &HistoryView) -> Table {
     let rows = || view.items.iter();
     table.times("start_time", rows().map(|row| row.start_time));
     table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));
-    table.words("status", rows().map(|row| status_name(row.status)));
-    table.words("reason", rows().map(|row| row.reason.clone()));
-    table.numbers("median_um", "µm", rows().map(|row| row.median_um));
-    table.numbers("mean_um", "µm", rows().map(|row| row.mean_um));
-    table.numbers("low_um", "µm", rows().map(|row| row.low_um));
-    table.numbers("p25_um", "µm", rows().map(|row| row.p25_um));
-    table.numbers("p75_um", "µm", rows().map(|row| row.p75_um));
-    table.numbers("high_um", "µm", rows().map(|row| row.high_um));
-    table.numbers("reference_wear_um", "µm", rows().map(|row| row.reference_wear_um));
-    table.numbers("log_evidence", "1", rows().map(|row| row.log_evidence));
+    table.words("status", rows().map(|row| status_name(row.point.status)));
+    table.words("reason", rows().map(|row| row.point.reason.to_string()));
+    table.numbers("median_um", "µm", rows().map(|row| row.point.median_um));
+    table.numbers("mean_um", "µm", rows().map(|row| row.point.mean_um));
+    table.numbers("low_um", "µm", rows().map(|row| row.point.low_um));
+    table.numbers("p25_um", "µm", rows().map(|row| row.point.p25_um));
+    table.numbers("p75_um", "µm", rows().map(|row| row.point.p75_um));
+    table.numbers("high_um", "µm", rows().map(|row| row.point.high_um));
+    table.numbers("reference_wear_um", "µm", rows().map(|row| row.point.reference_wear_um));
+    table.numbers("log_evidence", "1", rows().map(|row| row.point.log_evidence));
     table
 }
 
 fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_points: usize) -> HistoryView {
-    let column = |value: fn(&crate::store::WearPoint) -> Option<f64>| -> Vec<f64> {
+    let column = |value: fn(&WearPoint) -> Option<f64>| -> Vec<f64> {
         let values = (0..selection.len()).map(|n| value(&trend.wear[selection.position(n)]));
         values.map(|value| value.unwrap_or(f64::NAN)).collect()
     };
@@ -247,21 +229,11 @@ fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_point
     let indices = reduction::extremes(&columns, selection.len(), max_points);
     let row = |n: &usize| {
         let position = selection.position(*n);
-        let point = &trend.wear[position];
         HistoryRow {
             start_time: trend.start_time[position],
             segment_id: trend.segment_id[position].clone(),
             operating_bin: selection::bin_of(bins, trend, position).map(str::to_owned),
-            status: point.status,
-            reason: point.reason.to_string(),
-            median_um: point.median_um,
-            mean_um: point.mean_um,
-            low_um: point.low_um,
-            p25_um: point.p25_um,
-            p75_um: point.p75_um,
-            high_um: point.high_um,
-            reference_wear_um: point.reference_wear_um,
-            log_evidence: point.log_evidence,
+            point: trend.wear[position].clone(),
         }
     };
     HistoryView {

@@ -24,8 +24,8 @@ use crate::service::{Feed, FeedCount, Service};
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
-/// Capacity of the client library's request queue: an acknowledgement and a rejection for every message that a
-/// broker can send unacknowledged. Adding a request must never wait, as the library may be waiting for us.
+/// Capacity of the client library's request queue: an acknowledgement and a rejection for every message that
+/// a broker can send unacknowledged. Adding a request must never wait, as the library may be waiting for us.
 const MAX_REQUESTS: usize = 2 * u16::MAX as usize + 8;
 
 /// Interval at which a stopping service checks whether the broker has all rejections.
@@ -130,7 +130,8 @@ struct Connection<'a> {
     stop: watch::Receiver<bool>,
     /// One permit for each message in memory.
     slots: Arc<Semaphore>,
-    /// Whether messages were dropped for lack of a slot: the broker sends them again over the next connection.
+    /// Whether messages were dropped for lack of a slot: the broker sends them again over the next
+    /// connection.
     has_dropped: bool,
     rejections: Arc<PendingRejections>,
     streams: StreamBlocks,
@@ -238,9 +239,10 @@ impl<'a> Connection<'a> {
 
     /// Handles a record in a task of its own, and a block in the task of its stream.
     ///
-    /// Where no slot is free it waits for one, and no further packet is read meanwhile. That happens only if the
-    /// broker exceeds the receive maximum: with messages at QoS 0, or with those of a session (seen with Mosquitto
-    /// 2.0.11). The connection would not survive a long wait, so the message is dropped after a timeout.
+    /// Where no slot is free it waits for one, and no further packet is read meanwhile. That happens only if
+    /// the broker exceeds the receive maximum: with messages at QoS 0, or with those of a session (seen with
+    /// Mosquitto 2.0.11). The connection would not survive a long wait, so the message is dropped after a
+    /// timeout.
     async fn receive(&mut self, publish: Publish) {
         if *self.stop.borrow() {
             return;

@@ -11,8 +11,8 @@ use crate::recording::{BlockEncoding, RecordDefaults, decode_indexed_block};
 use crate::service::{RecordFormat, UploadMetadata};
 use crate::signal::Record;
 
-/// Default start time, which is invalid for a record, so that a message without a time is rejected. The time of
-/// receipt cannot be used, as the same message sent again would become another record.
+/// Default start time, which is invalid for a record, so that a message without a time is rejected. The time
+/// of receipt cannot be used, as the same message sent again would become another record.
 pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
 
 /// A message with a valid topic, size and format.
@@ -49,7 +49,8 @@ impl Message {
         })
     }
 
-    /// Decodes the block of a stream: the index of its first sample and its samples, with the point as channel.
+    /// Decodes the block of a stream: the index of its first sample and its samples, with the point as
+    /// channel.
     pub(super) fn block(&self) -> Result<(u64, Record), Rejection> {
         let encoding = match self.format {
             RecordFormat::Json => BlockEncoding::Json,

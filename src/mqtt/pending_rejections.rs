@@ -1,4 +1,5 @@
-//! Rejections that the broker has not acknowledged. A rejected message is acknowledged only after its rejection.
+//! Rejections that the broker has not acknowledged. A rejected message is acknowledged only after its
+//! rejection.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -9,8 +10,8 @@ use rumqttc::v5::{AsyncClient, ClientError};
 
 use super::rejection::MEDIA_TYPE;
 
-/// Rejections that the broker has not acknowledged. The client library assigns a packet its identifier only when
-/// it sends it, in the order of the requests.
+/// Rejections that the broker has not acknowledged. The client library assigns a packet its identifier only
+/// when it sends it, in the order of the requests.
 #[derive(Default)]
 pub(super) struct PendingRejections(Mutex<Pending>);
 

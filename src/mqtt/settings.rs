@@ -13,8 +13,8 @@ use serde::Deserialize;
 use super::error::MqttError;
 use super::tls::TlsFiles;
 
-/// Maximum packet size of MQTT: a message that is too large for a record must still be read, so that its sender
-/// gets a rejection.
+/// Maximum packet size of MQTT: a message that is too large for a record must still be read, so that its
+/// sender gets a rejection.
 const MAX_PACKET_BYTES: u32 = 268_435_455 + 5;
 
 /// Timeout for establishing a connection.
@@ -186,8 +186,8 @@ impl MqttSettings {
         format!("{}:{}", self.host, self.port)
     }
 
-    /// Returns the client library's options. Reads password and certificates each time, so that a changed file
-    /// takes effect with the next connection.
+    /// Returns the client library's options. Reads password and certificates each time, so that a changed
+    /// file takes effect with the next connection.
     pub(super) fn options(&self) -> Result<MqttOptions, MqttError> {
         let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
         let mut properties = ConnectProperties::new();

@@ -76,11 +76,6 @@ impl Block {
         self.first.saturating_add(self.record.samples().len() as u64)
     }
 
-    fn end_time(&self) -> Timestamp {
-        let length = SignedDuration::try_from_secs_f64(self.record.duration_s()).unwrap_or_default();
-        self.record.start_time().checked_add(length).unwrap_or(self.record.start_time())
-    }
-
     fn chunk(&self) -> Chunk {
         Chunk {
             first: self.first,
@@ -164,7 +159,7 @@ impl PointStream {
         };
         match self.deliver(&block).await {
             DeliveryOutcome::Stored => {
-                self.newest = self.newest.max(Some(block.end_time()));
+                self.newest = self.newest.max(Some(block.record.end_time()));
                 self.waiting.push(block);
                 self.acknowledge_stored().await;
             }

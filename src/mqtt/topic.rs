@@ -1,5 +1,5 @@
-//! Topics: `{root}/{asset}/{point}/waveform` for records, `…/samples` for blocks of a stream, and `…/rejected`
-//! for rejections of both.
+//! Topics: `{root}/{asset}/{point}/waveform` for records, `…/samples` for blocks of a stream, and
+//! `…/rejected` for rejections of both.
 
 use super::rejection::Rejection;
 use super::settings::MqttSettings;

@@ -48,8 +48,8 @@ impl Mail {
         }
     }
 
-    /// Composes the e-mail. Its Message-ID is the same when it is sent again, so that mail servers and clients
-    /// recognise duplicates.
+    /// Composes the e-mail. Its Message-ID is the same when it is sent again, so that mail servers and
+    /// clients recognise duplicates.
     fn compose(&self, message: &Message) -> Result<lettre::Message, NotificationError> {
         let id = format!("<{}@{}>", message.notification.id, self.from.email.domain());
         let mut mail = lettre::Message::builder()

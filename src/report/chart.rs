@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::page::escape;
 use super::ticks::{self, Tick};
+use super::wording::escape;
 
 /// The size of a drawing in units of its text, of which a digit is about 7 wide.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,8 +103,8 @@ impl Chart {
         self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
     }
 
-    /// Renders the chart as SVG in a wide and a narrow form, of which the page shows the one that fits; `label`
-    /// describes it for screen readers.
+    /// Renders the chart as SVG in a wide and a narrow form, of which the page shows the one that fits;
+    /// `label` describes it for screen readers.
     pub(super) fn svg(&self, label: &str) -> String {
         [WIDE, NARROW].map(|size| self.drawn(size, label)).concat()
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::page::escape;
+use super::wording::escape;
 
 /// Texts by the sender.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::Report;
 use super::chart::Mark;
-use super::page::{INDICATORS, escape};
+use super::wording::{INDICATORS, MINUTES, escape};
 use crate::estimate::{
     AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent,
     MaintenanceKind, PanelChange, RatedQuantity, Severity,
@@ -140,7 +140,7 @@ fn change_row(change: &AlarmChange) -> String {
     let what = match (&change.action, change.maintenance) {
         (Some(AlarmAction::Acknowledge), _) => "acknowledged".to_owned(),
         (Some(AlarmAction::Shelve { until }), _) => {
-            format!("shelved until {}", until.strftime(super::page::MINUTES))
+            format!("shelved until {}", until.strftime(MINUTES))
         }
         (Some(AlarmAction::Unshelve), _) => "unshelved".to_owned(),
         (Some(AlarmAction::Comment), _) => "comment".to_owned(),

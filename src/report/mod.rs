@@ -10,6 +10,7 @@ mod events;
 mod page;
 mod ticks;
 mod verdict;
+mod wording;
 
 use jiff::Timestamp;
 
@@ -19,7 +20,7 @@ use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
 pub use cover::{Contents, Cover, Form};
 pub use events::{ReportedAlarm, quantity_words};
-pub use page::INDICATORS;
+pub use wording::INDICATORS;
 
 /// The contents of a report.
 #[derive(Debug, Default)]

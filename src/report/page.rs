@@ -4,28 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::chart::{Chart, Level, Series, XAxis};
+use super::wording::{INDICATORS, MINUTES, escape};
 use super::{Report, ReportedRecord, angle_words, cover, events, verdict};
 use crate::estimate::{Interval, Prognosis, WearEstimate, WearStatus};
-
-/// Indicators that can be shown: name, heading and caption.
-pub const INDICATORS: [(&str, &str, &str); 8] = [
-    ("rms", "RMS", "Root mean square of each record, mean not removed."),
-    ("velocity_rms", "Velocity RMS", "Root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816."),
-    ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
-    ("omx", "OMX", "Peak amplitude of the first mesh order."),
-    (
-        "omx_tracked",
-        "OMX, order-tracked",
-        "Peak amplitude of the first mesh order over the shaft's angle: a changing speed does not smear it.",
-    ),
-    ("fm0", "FM0", "Peak to peak of the synchronous average over the sum of its mesh harmonics."),
-    ("fm4", "FM4", "Kurtosis of the difference signal: single damaged teeth raise it above 3."),
-    (
-        "na4",
-        "NA4",
-        "Fourth moment of the residual over the squared mean of its variance in the run so far: grows with spreading damage.",
-    ),
-];
 
 /// Those of the indicators that are dimensionless.
 const DIMENSIONLESS: [&str; 4] = ["kurtosis", "fm0", "fm4", "na4"];
@@ -86,8 +67,6 @@ pub(super) fn html(report: &Report) -> String {
          <title>{title}</title><link rel=\"icon\" href=\"data:,\"><style>{STYLE}</style></head><body>{body}</body></html>"
     )
 }
-
-pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
 /// An interval below which a forecast has times, not only dates.
 const SHORT_FORECAST: jiff::SignedDuration = jiff::SignedDuration::from_hours(72);
@@ -325,11 +304,6 @@ fn unit_words(unit: &str) -> &str {
 
 fn seconds(record: &ReportedRecord) -> f64 {
     record.start_time.as_nanosecond() as f64 * 1e-9
-}
-
-/// Escapes text for HTML.
-pub(super) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::page::escape;
+use super::wording::escape;
 use super::{Report, quantity_words};
 use crate::estimate::{AlarmQuantity, Severity};
 

@@ -64,7 +64,7 @@ pub struct Service {
     pub replays: Replays,
     /// Live streams.
     pub streams: Arc<Streams>,
-    /// The places of streams that are sent at the same time, by requests and over MQTT.
+    /// Limits the streams that are sent at the same time, by requests and over MQTT.
     pub(crate) stream_places: Shares,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,

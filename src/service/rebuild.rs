@@ -41,10 +41,11 @@ pub struct Rebuilt {
 
 impl Service {
     /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
-    /// records in the order of time. `on_progress` is called with the numbers of records done and in total.
+    /// records in the order of time. `on_progress` is called with the number of records done and the total.
     /// If none fails, the database then counts as the one that the raw recordings belong to.
     ///
-    /// Records that users removed are skipped; `with_removed` they are ingested, and no longer noted as removed.
+    /// Records that users removed are skipped; `with_removed` they are ingested, and no longer noted as
+    /// removed.
     pub async fn rebuild(
         &self,
         with_removed: bool,

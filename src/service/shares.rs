@@ -13,7 +13,7 @@ pub(crate) enum Client {
     Token(String),
     /// Identified by the peer address: that of the proxy if there is one.
     Address(Option<IpAddr>),
-    /// All that a feed of this name brings, such as a broker.
+    /// Everything from a feed of this name, such as a broker.
     #[cfg_attr(not(feature = "mqtt"), expect(dead_code, reason = "there are no feeds"))]
     Feed(&'static str),
 }
@@ -31,7 +31,7 @@ impl Client {
     }
 }
 
-/// A number of places with a limit per client.
+/// A pool of slots with a limit per client.
 #[derive(Debug, Clone)]
 pub(crate) struct Shares {
     max: usize,
@@ -45,7 +45,7 @@ struct Occupied {
     by_client: HashMap<Client, usize>,
 }
 
-/// An occupied place, freed on drop.
+/// A slot in use, freed on drop.
 #[derive(Debug)]
 pub(crate) struct Share {
     client: Client,
@@ -57,7 +57,7 @@ impl Shares {
         Self { max: max.max(1), max_per_client: max_per_client.max(1), occupied: Arc::default() }
     }
 
-    /// Takes a place for a client; `None` if all places or its own share are taken.
+    /// Takes a slot for a client; `None` if all slots, or the client's own share of them, are in use.
     pub(crate) fn take(&self, client: Client) -> Option<Share> {
         let mut occupied = lock(&self.occupied);
         let of_client = occupied.by_client.get(&client).copied().unwrap_or_default();

@@ -3,8 +3,8 @@
 //! A data folder contains `flankwatch.db` (assets and derived data: segments, estimates), `raw/` (recordings
 //! as received, named by their hash, with the metadata needed to decode them), `streams/` (samples that are
 //! not part of a record yet) and `lock`. A store shared by several processes uses PostgreSQL and a bucket
-//! instead, and keeps streams in rows; statements and methods are the same. All methods use domain types; rows and
-//! statements do not leave this module.
+//! instead, and keeps streams in rows; statements and methods are the same. All methods use domain types;
+//! rows and statements do not leave this module.
 
 mod alarm_commit;
 mod alarms;

@@ -1,6 +1,6 @@
 //! The results of each record of a channel, for evaluating a whole history.
 
-use super::rows::{from_ns, get, get_json, get_json_or_default, to_ns};
+use super::rows::{from_ns, get, get_json, get_json_or_default};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearEstimate;
@@ -27,10 +27,7 @@ impl Store {
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<RecordResults>, StoreError> {
-        let (after_ns, after_id) = match after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (i64::MIN, ""),
-        };
+        let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
             "SELECT s.id, s.start_time_ns, s.excluded, a.indicators, w.run_indicators, w.estimate
              FROM (

@@ -23,6 +23,13 @@ pub struct SegmentKey {
     pub id: SegmentId,
 }
 
+impl SegmentKey {
+    /// The time in nanoseconds and the identifier of a key; of a position at `start_ns` without a key.
+    pub(super) fn bound(key: Option<&Self>, start_ns: i64) -> Result<(i64, &str), StoreError> {
+        key.map_or(Ok((start_ns, "")), |key| Ok((to_ns(key.start_time)?, key.id.0.as_str())))
+    }
+}
+
 /// A segment before its wear estimate: the results of its record alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewSegment {
@@ -250,10 +257,7 @@ impl Store {
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<StoredFeatures>, StoreError> {
-        let (after_ns, after_id) = match after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (i64::MIN, ""),
-        };
+        let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
             "SELECT s.id, s.start_time_ns, s.excluded, a.feature_key, a.features, a.indicators
              FROM segments s JOIN analyses a ON a.segment_id = s.id AND a.generation = $1
@@ -288,10 +292,7 @@ impl Store {
                 ORDER BY start_time_ns {direction}, id {direction} LIMIT $6
              ) s {SERVED} ORDER BY s.start_time_ns {direction}, s.id {direction}"
         );
-        let (after_ns, after_id) = match &filter.after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (start, ""),
-        };
+        let (after_ns, after_id) = SegmentKey::bound(filter.after.as_ref(), start)?;
         let rows = sqlx::query(&text)
             .bind(channel.channel_no)
             .bind(filter.from.map_or(Ok(i64::MIN), to_ns)?)

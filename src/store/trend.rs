@@ -47,28 +47,30 @@ pub struct Trend {
 }
 
 /// The wear estimate of one segment without its posterior.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = SegmentWear)]
 pub struct WearPoint {
-    /// The status.
+    /// Status of the estimate.
     pub status: WearStatus,
-    /// The status in words.
+    /// Reason of the status.
+    #[schema(value_type = String)]
     pub reason: Box<str>,
-    /// Median in µm.
+    /// Median wear depth in µm.
     pub median_um: Option<f64>,
-    /// Mean in µm.
+    /// Mean wear depth in µm.
     pub mean_um: Option<f64>,
-    /// Lower end of the 90 % interval in µm.
+    /// Lower end of the 90 % interval of the wear depth in µm.
     pub low_um: Option<f64>,
-    /// 25 % quantile in µm.
+    /// 25 % quantile of wear depth in µm.
     pub p25_um: Option<f64>,
-    /// 75 % quantile in µm.
+    /// 75 % quantile of wear depth in µm.
     pub p75_um: Option<f64>,
     /// Upper end of the 90 % interval in µm.
     pub high_um: Option<f64>,
-    /// Natural logarithm of the evidence.
-    pub log_evidence: Option<f64>,
-    /// Reference wear depth in µm from another source.
+    /// Wear depth in µm known from another source.
     pub reference_wear_um: Option<f64>,
+    /// Natural logarithm of the record's evidence under the library.
+    pub log_evidence: Option<f64>,
 }
 
 impl Trend {

@@ -8,8 +8,9 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::client::Client;
 use super::postgres::Stop;
-use super::processes::S3Server;
+use super::processes::{Program, S3Server};
 use super::proxy::{Proxy, Wire};
 use super::site::{Site, Uploads, rounds};
 use crate::running::{plain_asset, record};
@@ -20,6 +21,43 @@ fn random() -> ChaCha8Rng {
 
 fn a_moment(random: &mut ChaCha8Rng) {
     std::thread::sleep(Duration::from_millis(random.random_range(100..600)));
+}
+
+/// Repeats a fault while a node receives records, and checks that all of them are stored once. The fault is
+/// over when `fault` returns.
+#[track_caller]
+fn loses_nothing(api: &Client, mut fault: impl FnMut(u32)) {
+    let (uploads, mut random) = (Uploads::default(), random());
+    api.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    for round in 0..rounds() {
+        uploads.during(&[api], || {
+            a_moment(&mut random);
+            fault(round);
+            a_moment(&mut random);
+        });
+        uploads.wait_until_stored(api);
+    }
+    uploads.compare(api);
+}
+
+const DATABASE: &str = "/database";
+const QUEUE_SERVER: &str = "/parts/queue_server";
+const OBJECT_STORE: &str = "/parts/object_store";
+
+/// Waits until each program reports that one part is unavailable, and checks that another one is not.
+#[track_caller]
+fn wait_for_outage(programs: &[&Program], lost: &str, intact: &str) {
+    for program in programs {
+        let health = program.wait_for_readiness(503);
+        assert!(health.pointer(lost).is_some_and(|state| state != "ok"), "{health}");
+        assert!(health.pointer(intact).is_some_and(|state| state == "ok"), "{health}");
+    }
+}
+
+fn wait_for_recovery(programs: &[&Program]) {
+    for program in programs {
+        program.wait_for_readiness(200);
+    }
 }
 
 #[test]
@@ -67,27 +105,14 @@ fn an_api_node_killed_after_its_response_loses_nothing() {
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
 fn a_killed_and_restarted_nats_server_loses_nothing() {
     let mut site = Site::start();
-    let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
+    let config = site.config(None);
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    for _ in 0..rounds() {
-        uploads.during(&[&api.client], || {
-            a_moment(&mut random);
-            site.nats.kill();
-            for program in [&api, &worker] {
-                let health = program.wait_for_readiness(503);
-                assert!(health["parts"]["queue_server"] != "ok", "{health}");
-                assert_eq!(health["database"], "ok");
-            }
-            site.nats.start_again();
-            for program in [&api, &worker] {
-                program.wait_for_readiness(200);
-            }
-            a_moment(&mut random);
-        });
-        uploads.wait_until_stored(&api.client);
-    }
-    uploads.compare(&api.client);
+    loses_nothing(&api.client, |_| {
+        site.nats.kill();
+        wait_for_outage(&[&api, &worker], QUEUE_SERVER, DATABASE);
+        site.nats.start_again();
+        wait_for_recovery(&[&api, &worker]);
+    });
 }
 
 #[test]
@@ -96,64 +121,35 @@ fn a_database_outage_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
-    let (uploads, mut random) = (Uploads::default(), random());
     let (api, worker) = (site.api(&direct), site.worker(&cut));
     // The API node loses the database as well.
     let beside = site.api(&cut);
-    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    for round in 0..rounds() {
+    loses_nothing(&api.client, |round| {
         // Alternately a server that is down and a pulled cable.
-        let wire = if round % 2 == 0 { Wire::Closed } else { Wire::Silent };
-        uploads.during(&[&api.client], || {
-            a_moment(&mut random);
-            proxy.set(wire);
-            for program in [&worker, &beside] {
-                let health = program.wait_for_readiness(503);
-                assert!(health["database"] != "ok", "{health}");
-                assert_eq!(health["parts"]["queue_server"], "ok", "{health}");
-            }
-            let (status, problem) = beside.client.try_upload("pump", &record("1", 0)).unwrap();
-            assert_eq!(status, 503, "{problem}");
-            proxy.set(Wire::Closed);
-            proxy.set(Wire::Whole);
-            for program in [&worker, &beside] {
-                program.wait_for_readiness(200);
-            }
-            a_moment(&mut random);
-        });
-        uploads.wait_until_stored(&api.client);
-    }
-    uploads.compare(&api.client);
+        proxy.set(if round % 2 == 0 { Wire::Closed } else { Wire::Silent });
+        wait_for_outage(&[&worker, &beside], DATABASE, QUEUE_SERVER);
+        let (status, problem) = beside.client.try_upload("pump", &record("1", 0)).unwrap();
+        assert_eq!(status, 503, "{problem}");
+        proxy.set(Wire::Closed);
+        proxy.set(Wire::Whole);
+        wait_for_recovery(&[&worker, &beside]);
+    });
 }
 
 #[test]
 #[ignore = "needs PostgreSQL's programs and nats-server"]
 fn a_database_server_restart_loses_nothing() {
     let mut site = Site::with_own_postgres();
-    let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
+    let config = site.config(None);
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    for round in 0..rounds() {
+    let server = site.postgres.as_mut().unwrap();
+    loses_nothing(&api.client, |round| {
         // Alternately a fast shutdown and a crash, after which the server recovers.
-        let stop = if round % 2 == 0 { Stop::Immediate } else { Stop::Fast };
-        let server = site.postgres.as_mut().unwrap();
-        uploads.during(&[&api.client], || {
-            a_moment(&mut random);
-            server.stop(stop);
-            for program in [&api, &worker] {
-                let health = program.wait_for_readiness(503);
-                assert!(health["database"] != "ok", "{health}");
-                assert_eq!(health["parts"]["queue_server"], "ok", "{health}");
-            }
-            server.start_again();
-            for program in [&api, &worker] {
-                program.wait_for_readiness(200);
-            }
-            a_moment(&mut random);
-        });
-        uploads.wait_until_stored(&api.client);
-    }
-    uploads.compare(&api.client);
+        server.stop(if round % 2 == 0 { Stop::Immediate } else { Stop::Fast });
+        wait_for_outage(&[&api, &worker], DATABASE, QUEUE_SERVER);
+        server.start_again();
+        wait_for_recovery(&[&api, &worker]);
+    });
 }
 
 #[test]
@@ -162,24 +158,15 @@ fn a_broken_connection_between_worker_and_database_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
-    let (uploads, mut random) = (Uploads::default(), random());
     let (api, worker) = (site.api(&direct), site.worker(&cut));
-    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    for _ in 0..rounds() {
-        uploads.during(&[&api.client], || {
-            a_moment(&mut random);
-            // Nothing is forwarded and no connection closes: data arrives after the repair, in the middle of
-            // transactions.
-            proxy.set(Wire::Silent);
-            let health = worker.wait_for_readiness(503);
-            assert!(health["database"] != "ok", "{health}");
-            proxy.set(Wire::Whole);
-            worker.wait_for_readiness(200);
-            a_moment(&mut random);
-        });
-        uploads.wait_until_stored(&api.client);
-    }
-    uploads.compare(&api.client);
+    loses_nothing(&api.client, |_| {
+        // Nothing is forwarded and no connection closes: data arrives after the repair, in the middle of
+        // transactions.
+        proxy.set(Wire::Silent);
+        wait_for_outage(&[&worker], DATABASE, QUEUE_SERVER);
+        proxy.set(Wire::Whole);
+        wait_for_recovery(&[&worker]);
+    });
 }
 
 #[test]
@@ -189,25 +176,12 @@ fn an_object_store_outage_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(server.address());
     site.objects = format!("bucket = \"records\"\nendpoint = \"http://{}\"", proxy.address());
-    let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
+    let config = site.config(None);
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    for _ in 0..rounds() {
-        uploads.during(&[&api.client], || {
-            a_moment(&mut random);
-            proxy.set(Wire::Closed);
-            for program in [&api, &worker] {
-                let health = program.wait_for_readiness(503);
-                assert!(health["parts"]["object_store"] != "ok", "{health}");
-                assert_eq!(health["database"], "ok");
-            }
-            proxy.set(Wire::Whole);
-            for program in [&api, &worker] {
-                program.wait_for_readiness(200);
-            }
-            a_moment(&mut random);
-        });
-        uploads.wait_until_stored(&api.client);
-    }
-    uploads.compare(&api.client);
+    loses_nothing(&api.client, |_| {
+        proxy.set(Wire::Closed);
+        wait_for_outage(&[&api, &worker], OBJECT_STORE, DATABASE);
+        proxy.set(Wire::Whole);
+        wait_for_recovery(&[&api, &worker]);
+    });
 }

@@ -3,6 +3,8 @@
 #![cfg(test)]
 
 mod broker;
+mod client;
+mod concurrent_changes;
 mod documented_start;
 mod faults;
 mod many_workers;
@@ -21,6 +23,7 @@ mod streams;
 mod tokens;
 mod upgrade;
 mod upkeep;
+mod workers;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/certificate.rs"]

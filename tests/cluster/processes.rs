@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use super::nodes::Client;
+use super::client::Client;
 use flankwatch_test_support::needed;
 
 /// A process that is killed on drop.

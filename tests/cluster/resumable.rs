@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use flankwatch::signal::Record;
 use serde_json::Value;
 
-use super::nodes::{Client, OneMachine};
+use super::client::Client;
+use super::nodes::OneMachine;
 use super::site::Site;
 use crate::running::{mcap, plain_asset, record};
 

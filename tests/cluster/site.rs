@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use flankwatch::store::SharedSettings;
 use tempfile::TempDir;
 
-use super::nodes::{Client, OneMachine, database};
+use super::client::Client;
+use super::nodes::{OneMachine, database};
 use super::postgres::PostgresServer;
 use super::processes::{NatsServer, Program};
 use super::proxy::Proxy;

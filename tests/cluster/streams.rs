@@ -5,7 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
-use super::nodes::{Client, TestCluster};
+use super::client::Client;
+use super::nodes::TestCluster;
 use super::site::{Site, rounds};
 use crate::event_stream::EventStream;
 use crate::running::plain_asset;

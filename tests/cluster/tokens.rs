@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::nodes::Client;
+use super::client::Client;
 use super::site::Site;
 use crate::command::flankwatch;
 

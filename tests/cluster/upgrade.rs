@@ -1,7 +1,8 @@
-//! All processes of a cluster are replaced under load, in the order that docs/cluster.md gives for an upgrade.
+//! All processes of a cluster are replaced under load, in the order that docs/cluster.md gives for an
+//! upgrade.
 //!
-//! `FLANKWATCH_EARLIER_PROGRAM` is the program of an earlier version. Without it, the processes are replaced by
-//! those of the same version.
+//! `FLANKWATCH_EARLIER_PROGRAM` is the program of an earlier version. Without it, the processes are replaced
+//! by those of the same version.
 
 use std::path::PathBuf;
 

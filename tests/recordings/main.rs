@@ -1,10 +1,13 @@
 //! Real recordings of gears and bearings, end to end.
 #![cfg(test)]
 
+mod bearing_novelty;
+mod broken_tooth;
 mod real_bearing;
 mod real_gearbox;
-mod real_novelty;
+mod record_lengths;
 mod second_simulator;
+mod wear_estimates;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/command.rs"]

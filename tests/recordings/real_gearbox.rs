@@ -5,8 +5,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use flankwatch::signal::{
-    AnalysisSettings, Analyzer, AngleSource, BearingSettings, ConditionSettings, MeshContext, OtherMeshes,
-    Record,
+    AnalysisSettings, Analyzer, AngleSource, BearingSettings, ConditionSettings, MeshContext, Record,
 };
 use flate2::read::GzDecoder;
 use jiff::Timestamp;
@@ -14,6 +13,7 @@ use serde_json::{Value, json};
 
 use crate::command::flankwatch;
 use crate::running::Service;
+use crate::wear_estimates::channels;
 use flankwatch_test_support::recordings;
 
 /// File, and the highest bin of channel a1's first mesh line in a Hann spectrum, from the data's own README.
@@ -89,18 +89,6 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
     );
 }
 
-/// Returns the samples of the four channels of a recording.
-fn columns(data: &Path, name: &str) -> [Vec<f32>; 4] {
-    let text = GzDecoder::new(File::open(data.join(format!("{name}.csv.gz"))).unwrap());
-    let mut columns: [Vec<f32>; 4] = Default::default();
-    for row in csv::Reader::from_reader(text).records() {
-        for (column, value) in columns.iter_mut().zip(row.unwrap().iter()) {
-            column.push(value.trim().parse().unwrap());
-        }
-    }
-    columns
-}
-
 /// With wrong tooth counts or a wrong speed and a tolerance of 25 %, the detected speed is correct or marked
 /// as doubtful. Records of two seconds.
 #[test]
@@ -110,17 +98,10 @@ fn a_detected_speed_is_correct_or_marked_as_doubtful() {
     let data = recordings("gearbox-spectraquest");
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mut speeds = |teeth: u32, nominal_shaft_speed_hz: f64, tolerance: f64| {
-        let mesh = MeshContext {
-            teeth,
-            mate_teeth: 96,
-            nominal_shaft_speed_hz,
-            tolerance,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        };
+        let mesh = MeshContext::new([teeth, 96], nominal_shaft_speed_hz, tolerance);
         let (mut right, mut doubted, mut wrong) = (0, 0, 0);
         for (name, _) in RECORDINGS {
-            for samples in columns(&data, name) {
+            for samples in channels(&data, name) {
                 for piece in samples.chunks_exact(25_600) {
                     let record =
                         Record::new("1", Timestamp::UNIX_EPOCH, 12_800.0, "1", piece.to_vec()).unwrap();
@@ -160,19 +141,12 @@ fn a_detected_speed_is_correct_or_marked_as_doubtful() {
 #[ignore = "needs the folder of real recordings"]
 fn the_mesh_line_is_found_on_every_channel_in_time_and_angle() {
     let data = recordings("gearbox-spectraquest");
-    let mesh = MeshContext {
-        teeth: 32,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: 29.7,
-        tolerance: 0.05,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new([32, 0], 29.7, 0.05);
     let settings =
         ConditionSettings { mesh, bands: &[], gear_indicators: true, bearings: BearingSettings::default() };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     for (name, omx) in RECORDINGS {
-        for (channel, samples) in ["a1", "a2", "a3", "a4"].iter().zip(columns(&data, name)) {
+        for (channel, samples) in ["a1", "a2", "a3", "a4"].iter().zip(channels(&data, name)) {
             let record = Record::new(*channel, Timestamp::UNIX_EPOCH, 12_800.0, "1", samples).unwrap();
             let got = analyzer.condition(&record, &settings);
             let [low, high] = MESH_HZ;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use flankwatch::recording::{RecordDefaults, RecordingFile, WavWriter};
-use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, Record};
 use flankwatch_test_support::recordings;
 use jiff::Timestamp;
 use serde_json::Value;
@@ -163,14 +163,7 @@ fn speeds_hz(run: &str) -> Vec<f64> {
 fn a_detected_speed_is_correct_or_marked_as_doubtful() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mut count = |teeth: u32, nominal_shaft_speed_hz: f64, tolerance: f64, spread: f64| {
-        let mesh = MeshContext {
-            teeth,
-            mate_teeth: 26,
-            nominal_shaft_speed_hz,
-            tolerance,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        };
+        let mesh = MeshContext::new([teeth, 26], nominal_shaft_speed_hz, tolerance);
         let (mut right, mut doubted, mut wrong) = (0, 0, 0);
         for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS.map(|(run, _)| run)).chain([HEALTHY]) {
             for (n, speed_hz) in speeds_hz(run).into_iter().enumerate().step_by(5) {

@@ -12,7 +12,8 @@ use tempfile::TempDir;
 
 use crate::running::{Answer, Service, record};
 
-/// Number of stored records: enough that the schema, without which no start succeeds, is a small part of the file.
+/// Number of stored records: enough that the schema, without which no start succeeds, is a small part of the
+/// file.
 const RECORDS: u32 = 360;
 
 /// Returns a stopped service with some records and a copy of its database; `None` with a shared database.

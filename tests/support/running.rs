@@ -282,8 +282,8 @@ pub(crate) fn samples(n: u32) -> Vec<f32> {
         .collect()
 }
 
-/// Returns two seconds at 10 kHz of a gearbox of 24 and 26 teeth at 16.64 Hz: mesh harmonics with sidebands, the
-/// shaft's own lines, and noise.
+/// Returns two seconds at 10 kHz of a gearbox of 24 and 26 teeth at 16.64 Hz: mesh harmonics with sidebands,
+/// the shaft's own lines, and noise.
 pub(crate) fn gearbox_24_26() -> Vec<f32> {
     let (shaft_hz, rate_hz) = (16.64, 10_000.0);
     let mesh = (1..=12).map(|order| (f64::from(24 * order), 1.0));

@@ -1,8 +1,6 @@
 //! How far a response's indicators and features are from those of a far shorter step of the integrator.
 
-use flankwatch_signal::{
-    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record,
-};
+use flankwatch_signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, Record};
 use jiff::Timestamp;
 
 use crate::response::{is_stiff, simulate_refined};
@@ -67,14 +65,7 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
     let record =
         Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples).unwrap();
     let record = record.with_operating_point(point).unwrap();
-    let mesh = MeshContext {
-        teeth,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: run.shaft_speed_hz,
-        tolerance: 0.0,
-        nominal_is_exact: true,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::at_exact_speed([teeth, 0], run.shaft_speed_hz);
     analyzer.analyze(&record, &mesh)
 }
 

@@ -40,17 +40,12 @@ pub struct ArchardWear {
 
 impl ArchardWear {
     /// Returns the states of one wear history at which the greatest depth of both flanks, along Y, reaches
-    /// each of the ascending `depths_mm`.
+    /// each of the ascending `depths_mm`, with forces and gaps recomputed after every `step_modules` of wear.
     ///
     /// # Errors
     /// [`GearError::Field`] for depths that do not ascend from 0, or leave less than half of the tooth;
     /// [`GearError::NoContact`] if the worn flanks no longer carry load over the whole mesh period.
-    pub fn at_depths(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
-        Self::at_depths_in_steps(pair, depths_mm, STEP_MODULES)
-    }
-
-    /// Like [`at_depths`](Self::at_depths), recomputing forces and gaps after every `step_modules` of wear.
-    pub(super) fn at_depths_in_steps(
+    pub(super) fn at_depths(
         pair: &GearPair,
         depths_mm: &[f64],
         step_modules: f64,
@@ -70,8 +65,8 @@ impl ArchardWear {
     /// Returns the flanks after a number of turns of the driving gear.
     ///
     /// # Errors
-    /// As [`ArchardWear::at_depths`]; [`GearError::Field`] for turns below 0 or so many that the teeth are
-    /// worn through.
+    /// As for the states at given depths; [`GearError::Field`] for turns below 0 or so many that the teeth
+    /// are worn through.
     pub fn after_turns(pair: &GearPair, driving_turns: f64) -> Result<Self, GearError> {
         within("turns", driving_turns, 0.0, f64::MAX)?;
         let mut history = WearHistory::new(pair, STEP_MODULES)?;

@@ -9,7 +9,7 @@
 //! zero within the backlash, and x_m plus the backlash if the teeth's back flanks touch. Spring and damper
 //! both act on it.
 
-use super::excitation::LaneExcitation;
+use super::excitation::{Excitation, LaneExcitation};
 use super::{ContactRule, GearPair, MeshCycle};
 
 /// Parameters of the equations of motion, in SI units.
@@ -35,13 +35,6 @@ pub(super) type State = [f64; 6];
 
 /// The states of several systems in parallel: one row per component of the state.
 pub(super) type Lanes<const LANES: usize> = [[f64; LANES]; 6];
-
-/// Mesh stiffness in N/m and transmission error in m at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Excitation {
-    pub(super) stiffness: f64,
-    pub(super) error: f64,
-}
 
 /// Parameters that differ between lanes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -216,7 +209,8 @@ fn backlash_m(pair: &GearPair, cycle: &MeshCycle) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Excitation, Motion, State};
+    use super::{Motion, State};
+    use crate::excitation::Excitation;
 
     /// A mass on the mesh alone: the supports' masses are infinite.
     fn oscillator(damping_ratio: f64) -> (Motion, Excitation, f64) {

@@ -1,10 +1,16 @@
 //! Mesh stiffness and transmission error as functions of the mesh phase in fast lookup tables, for several
 //! states in parallel.
 
-use super::dynamics::Excitation;
 use super::mesh_cycle::CyclePiece;
 use super::transmission_error::short_period_m;
 use super::{GearPair, MeshCycle};
+
+/// Mesh stiffness in N/m and transmission error in m at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Excitation {
+    pub(super) stiffness: f64,
+    pub(super) error: f64,
+}
 
 /// Number of cells of the mesh period. Within one, k and e are linear unless a piece ends there.
 const CELLS: usize = 1024;

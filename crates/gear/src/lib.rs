@@ -78,6 +78,7 @@ mod mesh_cycle;
 mod mirrored;
 mod pair;
 mod pair_curve;
+mod passage;
 mod plane_elasticity;
 #[cfg(test)]
 mod reference;

@@ -138,6 +138,17 @@ impl MeshCycle {
         }
     }
 
+    pub(super) fn with_capacity(points: usize) -> Self {
+        Self {
+            phi1_rad: Vec::with_capacity(points),
+            phi2_rad: Vec::with_capacity(points),
+            stiffness_n_per_m: Vec::with_capacity(points),
+            uste_rad: Vec::with_capacity(points),
+            pairs_in_contact: Vec::with_capacity(points),
+            pieces: Vec::new(),
+        }
+    }
+
     fn by_threshold(
         pair: &GearPair,
         wear: &FlankWear,
@@ -147,14 +158,8 @@ impl MeshCycle {
         within("points", points as f64, 2.0, 1e6)?;
         let mesh = Mesh::new(pair, wear)?;
         let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
-        let mut cycle = Self {
-            phi1_rad: Vec::with_capacity(points),
-            phi2_rad: Vec::with_capacity(points),
-            stiffness_n_per_m: Vec::with_capacity(points),
-            uste_rad: Vec::with_capacity(points),
-            pairs_in_contact: Vec::with_capacity(points),
-            pieces: mesh.pieces(resolution.cells())?,
-        };
+        let mut cycle = Self::with_capacity(points);
+        cycle.pieces = mesh.pieces(resolution.cells())?;
         for i in 0..points {
             let phi1 = start + pitch * (i as f64 / points as f64);
             let carrying = mesh.carrying(phi1)?;

@@ -143,7 +143,8 @@ impl<const LANES: usize> Stage<LANES> {
 #[cfg(test)]
 mod tests {
     use super::{STAGE_TIMES, STAGES, StiffStep};
-    use crate::dynamics::{Excitation, LaneMotion, Motion, State};
+    use crate::dynamics::{LaneMotion, Motion, State};
+    use crate::excitation::Excitation;
 
     fn motion(stiffness_of_supports: f64, damping: f64) -> Motion {
         Motion {

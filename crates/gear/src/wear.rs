@@ -152,7 +152,7 @@ impl FlankWear {
         step_modules: f64,
     ) -> Result<Vec<Self>, GearError> {
         match pair.spec.wear.shape {
-            WearShape::Archard => Ok(ArchardWear::at_depths_in_steps(pair, depths_mm, step_modules)?
+            WearShape::Archard => Ok(ArchardWear::at_depths(pair, depths_mm, step_modules)?
                 .into_iter()
                 .map(|state| Self { driving_turns: Some(state.driving_turns), ..state.wear })
                 .collect()),

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use flankwatch_gear::PairSpec;
 use flankwatch_lab::evaluation::{Bank, BankPlan, Observation, RunShape, observe};
-use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, Record};
 use flankwatch_wear::estimate::{EstimatorSettings, Tracker};
 use flankwatch_wear::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, build};
 use jiff::{SignedDuration, Timestamp};
@@ -90,14 +90,7 @@ fn reading() -> Duration {
     });
     let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect())
         .expect("the samples are finite");
-    let mesh = MeshContext {
-        teeth: 24,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: 16.64,
-        tolerance: 0.05,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new([24, 0], 16.64, 0.05);
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let once = |analyzer: &mut Analyzer| {
         let began = Instant::now();

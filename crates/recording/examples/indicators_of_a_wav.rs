@@ -11,7 +11,7 @@ use std::io::Cursor;
 
 use flankwatch_recording::{RecordDefaults, WavWriter, decode_wav};
 use flankwatch_signal::{
-    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, Indicators, MeshContext, OtherMeshes,
+    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, Indicators, MeshContext,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -24,14 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     // WAV has no unit: the caller knows it.
     let defaults = RecordDefaults { unit: Some("m/s2".to_owned()), ..RecordDefaults::default() };
     let settings = ConditionSettings {
-        mesh: MeshContext {
-            teeth,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz: shaft_speed_hz,
-            tolerance: 0.05,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        },
+        mesh: MeshContext::new([teeth, 0], shaft_speed_hz, 0.05),
         bands: &[],
         gear_indicators: true,
         bearings: BearingSettings::default(),

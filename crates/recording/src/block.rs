@@ -9,7 +9,7 @@ use super::RecordingError;
 use super::error::shortened;
 use super::json::JsonBlock;
 use super::message::{self, WaveformBlock};
-use super::pulses::Pulses;
+use super::pulses::{Pulses, nanoseconds};
 use super::{packed_samples, pulse_count};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
 
@@ -118,7 +118,8 @@ pub fn decode_block(
     decode_message(bytes, encoding)?.into_record(None, defaults)
 }
 
-/// Decodes one block of a stream, as [`decode_block`] does, and returns the index of its first sample with it.
+/// Decodes one block of a stream, as [`decode_block`] does, and returns the index of its first sample with
+/// it.
 ///
 /// # Errors
 /// Those of [`decode_block`].
@@ -292,12 +293,6 @@ fn timestamp_of(nanoseconds: i64) -> Result<Option<Timestamp>, RecordingError> {
         .map_err(|_| RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC"))
 }
 
-/// Returns nanoseconds since 1970, clamped to the 64-bit range.
-pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
-    let nanoseconds = time.as_nanosecond();
-    i64::try_from(nanoseconds).unwrap_or(if nanoseconds < 0 { i64::MIN } else { i64::MAX })
-}
-
 /// Rejects a sample count that no record can have, before memory is allocated.
 pub(crate) fn check_sample_count(channel: &str, samples: usize) -> Result<(), RecordError> {
     if samples > MAX_RECORD_SAMPLES {
@@ -382,11 +377,7 @@ mod tests {
             channel: Some("x".to_owned()),
             start_time: Timestamp::from_second(5).unwrap(),
             unit: Some("g".to_owned()),
-            operating_point: OperatingPoint {
-                shaft_speed_hz: Some(30.0),
-                torque_nm: None,
-                ..OperatingPoint::default()
-            },
+            operating_point: OperatingPoint { shaft_speed_hz: Some(30.0), ..OperatingPoint::default() },
             ..RecordDefaults::default()
         };
         let record = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &defaults).unwrap();

@@ -6,15 +6,12 @@ use csv::ReaderBuilder;
 use super::RecordingError;
 use super::block::MAX_CHANNEL_BYTES;
 use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit};
-use super::csv_layout::CsvLayout;
+use super::csv_layout::{CsvLayout, MAX_COLUMNS};
 use super::csv_time::Clock;
 use super::error::shortened;
 
 /// Number of bytes examined before the samples are read.
 pub(super) const BEGINNING_BYTES: usize = 1 << 16;
-
-/// Largest number of columns.
-pub(super) const MAX_COLUMNS: usize = 256;
 
 /// Number of lines searched for the first sample.
 const MAX_HEAD_LINES: usize = 500;

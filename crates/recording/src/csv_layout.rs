@@ -3,7 +3,9 @@
 use std::fmt;
 
 use super::RecordingError;
-use super::csv_head::MAX_COLUMNS;
+
+/// Largest number of columns.
+pub(super) const MAX_COLUMNS: usize = 256;
 
 /// The media type of CSV.
 const MEDIA_TYPE: &str = "text/csv";

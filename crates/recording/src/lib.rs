@@ -1,7 +1,8 @@
 //! Conversion between recordings and records: WAV, FLAC, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
 //!
 //! - [`Frames`]: a recording that is read frame by frame, such as [`WavFrames`], [`TimedCsvFrames`],
-//!   [`FlacFrames`], [`NpyFrames`] and [`MatFrames`] (MATLAB, version 5); [`RecordBlocks`] cuts it into records;
+//!   [`FlacFrames`], [`NpyFrames`] and [`MatFrames`] (MATLAB, version 5); [`RecordBlocks`] cuts it into
+//!   records;
 //! - [`decode_wav`], [`decode_csv`], [`decode_flac`], [`decode_mat`], [`decode_npy`], [`decode_raw`]: read an
 //!   upload whole;
 //! - [`WavWriter`]: writes WAV;
@@ -64,6 +65,7 @@ mod frames;
 mod json;
 mod mat;
 mod mat_variables;
+mod mcap_contents;
 mod mcap_frames;
 mod mcap_history;
 mod mcap_reader;
@@ -78,6 +80,7 @@ mod packed_samples;
 mod pulse_count;
 mod pulses;
 mod raw;
+mod recorded;
 pub mod stream;
 mod wav;
 mod wav_format;
@@ -99,11 +102,13 @@ pub use frames::{Frames, FramesInfo};
 #[cfg(feature = "openapi")]
 pub use json::JsonBlock;
 pub use mat::{MatFrames, decode_mat};
+pub use mcap_contents::REFERENCE_WEAR;
 pub use mcap_history::{HistoryKind, HistoryWriter};
-pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
+pub use mcap_reader::McapReader;
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
 pub use npy::{NpyFrames, decode_npy};
 pub use raw::{RawLayout, RawSample, decode_raw};
+pub use recorded::Recorded;
 pub use wav::{WavWriter, decode_wav};
 pub use wav_format::WavFormat;
 pub use wav_frames::WavFrames;

@@ -4,7 +4,6 @@ use std::collections::{HashMap, VecDeque};
 
 use jiff::Timestamp;
 
-use super::block::nanoseconds;
 use super::message;
 use flankwatch_signal::{Record, Tachometer};
 
@@ -178,6 +177,12 @@ impl PulseTrains {
 /// Returns the end time of a record: one sampling interval after its last sample.
 pub(crate) fn end_ns(record: &Record) -> i64 {
     nanoseconds(record.start_time()).saturating_add((record.duration_s() * 1e9) as i64)
+}
+
+/// Returns nanoseconds since 1970, clamped to the 64-bit range.
+pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
+    let nanoseconds = time.as_nanosecond();
+    i64::try_from(nanoseconds).unwrap_or(if nanoseconds < 0 { i64::MIN } else { i64::MAX })
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use flankwatch_signal::{
-    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, MeshContext, OtherMeshes, Record,
+    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, MeshContext, Record, Tachometer,
 };
 use jiff::Timestamp;
 use rand::SeedableRng;
@@ -59,19 +59,16 @@ fn started() -> Instant {
 fn main() {
     let record = record(SAMPLES);
     let prime = crate::record(SAMPLES - 1);
-    let mesh = MeshContext {
-        teeth: 24,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: SHAFT_HZ,
-        tolerance: 0.05,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new([24, 0], SHAFT_HZ, 0.05);
     let analyzer = || Analyzer::new(AnalysisSettings::default());
     let (mut analyzing, mut tracking, mut of_prime, mut impulsive) =
         (analyzer(), analyzer(), analyzer(), analyzer());
     let (mut transforming, mut following, mut turning) = (analyzer(), analyzer(), analyzer());
-    let angle = analyzer().shaft_angle(&record, &mesh).expect("the record has a mesh");
+    let tachometer = Tachometer {
+        pulse_times_s: (0..=167).map(|turn| f64::from(turn) / SHAFT_HZ).collect(),
+        pulses_per_revolution: 1,
+    };
+    let with_pulses = record.clone().with_tachometer(Some(tachometer));
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(SAMPLES);
     let (mut input, mut output, mut scratch) =
         (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
@@ -103,7 +100,7 @@ fn main() {
     tasks.push((
         "part: resampling over the shaft's angle alone",
         Box::new(|| {
-            black_box(turning.angle_record(&record, &mesh, Some(&angle)).is_ok());
+            black_box(turning.angle_record(&with_pulses, &mesh).is_ok());
         }),
     ));
     tasks.push((

@@ -6,9 +6,9 @@ use std::f64::consts::SQRT_2;
 use super::features::Features;
 use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
-use super::speed::MeshContext;
 
 /// Number of octaves, counted from the highest one that fits below half the sampling rate. They are those of
 /// IEC 61260 with base 2, so that records with other sampling rates share them.

@@ -2,7 +2,7 @@
 
 use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
-use super::speed::MeshContext;
+use super::mesh_context::MeshContext;
 use super::sums::mean_of;
 
 /// Number of harmonics examined.
@@ -333,7 +333,7 @@ mod tests {
     const MESH: f64 = 480.3;
 
     fn context() -> MeshContext {
-        MeshContext { teeth: TEETH, mate_teeth: 26, others: OtherMeshes::NONE, ..MeshContext::unknown() }
+        MeshContext::new([TEETH, 26], 0.0, 0.0)
     }
 
     /// The support of a mesh in white noise with lines at these positions in bins, each as strong as the

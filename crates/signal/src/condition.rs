@@ -9,8 +9,8 @@ use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
 use super::impacts::BearingSettings;
 use super::indicators::NotComputed;
+use super::mesh_context::MeshContext;
 use super::record::{Quality, RecordOf};
-use super::speed::MeshContext;
 
 /// Identifier of the method behind the indicators over the shaft angle.
 pub const GEAR_PREPROCESSING: &str = "turns-1";

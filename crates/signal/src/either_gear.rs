@@ -2,12 +2,12 @@
 
 use super::analyzer::Analyzer;
 use super::angle_record::AngleRecord;
+use super::gear_analysis::split;
 use super::gear_signals::GearSignals;
 use super::indicators::NotComputed;
-use super::order_tracking::split;
+use super::mesh_context::MeshContext;
 use super::record::RecordOf;
 use super::shaft_angle::{AngleSource, ShaftAngle};
-use super::speed::MeshContext;
 
 /// One of the two gears of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -53,10 +53,9 @@ impl MeshContext {
 }
 
 impl Analyzer {
-    /// Computes the synchronous average of a gear and its components. `angle` is that of the driving shaft;
-    /// without it, the angle is determined as for [`angle_record`](Self::angle_record). The driven gear's
-    /// angle is this angle times the tooth ratio, so it has the same zero: a tachometer's first pulse, or the
-    /// start of the record.
+    /// Computes the synchronous average of a gear and its components. The angle of the driving shaft is that
+    /// of [`angle_record`](Self::angle_record). The driven gear's angle is this angle times the tooth ratio,
+    /// so it has the same zero: a tachometer's first pulse, or the start of the record.
     ///
     /// # Errors
     /// As for [`angle_record`](Self::angle_record), with the turns of this gear; [`NotComputed::NoSpeed`] for
@@ -66,13 +65,12 @@ impl Analyzer {
         record: &RecordOf<'_>,
         mesh: &MeshContext,
         gear: Gear,
-        angle: Option<&ShaftAngle>,
     ) -> Result<TurnAverage, NotComputed> {
         let (angle_record, gear_mesh) = match gear {
-            Gear::Driving => (self.angle_record(record, mesh, angle)?, *mesh),
+            Gear::Driving => (self.angle_record(record, mesh)?, *mesh),
             Gear::Driven => {
                 let gear_mesh = mesh.referred_to_driven_gear().ok_or(NotComputed::NoSpeed)?;
-                (self.driven_record(record, mesh, &gear_mesh, angle)?, gear_mesh)
+                (self.driven_record(record, mesh, &gear_mesh)?, gear_mesh)
             }
         };
         let angle_record = angle_record.without_other_meshes(&gear_mesh);
@@ -86,13 +84,9 @@ impl Analyzer {
         record: &RecordOf<'_>,
         mesh: &MeshContext,
         gear_mesh: &MeshContext,
-        angle: Option<&ShaftAngle>,
     ) -> Result<AngleRecord, NotComputed> {
         let ratio = mesh.gear_ratio();
         let geared = |angle: &ShaftAngle| angle.geared(ratio).ok_or(NotComputed::NoSpeed);
-        if let Some(angle) = angle {
-            return self.resampled(record, gear_mesh, &geared(angle)?);
-        }
         if let Some(Ok(angle)) = record.tachometer_angle()
             && let Ok(angle_record) = self.resampled(record, gear_mesh, &geared(&angle)?)
         {
@@ -134,14 +128,7 @@ mod tests {
     }
 
     fn mesh([teeth, mate_teeth]: [u32; 2], shaft_speed_hz: f64) -> MeshContext {
-        MeshContext {
-            teeth,
-            mate_teeth,
-            nominal_shaft_speed_hz: shaft_speed_hz,
-            tolerance: 0.05,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        }
+        MeshContext::new([teeth, mate_teeth], shaft_speed_hz, 0.05)
     }
 
     fn analyzer() -> Analyzer {
@@ -155,14 +142,10 @@ mod tests {
         let Vectors { cases } = serde_json::from_str(vectors).unwrap();
         for case in cases {
             let record = Record::new("1", Timestamp::UNIX_EPOCH, case.sample_rate_hz, "g", case.samples);
-            let tachometer =
-                Tachometer { pulse_times_s: case.pulse_times_s.clone(), pulses_per_revolution: 1 };
+            let tachometer = Tachometer { pulse_times_s: case.pulse_times_s, pulses_per_revolution: 1 };
             let record = record.unwrap().with_tachometer(Some(tachometer));
-            let angle = ShaftAngle::from_pulses(&case.pulse_times_s, 1).unwrap();
             let mesh = mesh(case.teeth, 10.0);
-            let by_pulses = analyzer().turn_average(&record, &mesh, Gear::Driven, None).unwrap();
-            let got = analyzer().turn_average(&record, &mesh, Gear::Driven, Some(&angle)).unwrap();
-            assert_eq!(got, by_pulses, "{}", case.name);
+            let got = analyzer().turn_average(&record, &mesh, Gear::Driven).unwrap();
             assert_eq!(
                 (got.signals.average.len(), got.turns),
                 (case.samples_per_turn, case.turns),
@@ -205,7 +188,7 @@ mod tests {
     }
 
     fn residual(record: &Record, mesh: &MeshContext, gear: Gear) -> (Vec<f64>, AngleSource) {
-        let got = analyzer().turn_average(record, mesh, gear, None).unwrap();
+        let got = analyzer().turn_average(record, mesh, gear).unwrap();
         (got.signals.residual, got.angle)
     }
 
@@ -259,8 +242,8 @@ mod tests {
     fn a_driven_gear_of_unknown_teeth_has_no_average() {
         let record = record(&[], &[]);
         let alone = MeshContext { mate_teeth: 0, ..mesh(TEETH, 25.0) };
-        let got = analyzer().turn_average(&record, &alone, Gear::Driven, None);
+        let got = analyzer().turn_average(&record, &alone, Gear::Driven);
         assert_eq!(got, Err(NotComputed::NoSpeed));
-        assert!(analyzer().turn_average(&record, &alone, Gear::Driving, None).is_ok());
+        assert!(analyzer().turn_average(&record, &alone, Gear::Driving).is_ok());
     }
 }

@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
-use super::speed::MeshContext;
+use super::mesh_context::MeshContext;
 
 /// A line within this many bins (one bin is one over the number of turns) of a whole shaft order cannot be
 /// distinguished from the shaft's own line.

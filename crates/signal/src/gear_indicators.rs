@@ -42,11 +42,11 @@ pub struct AngleUsed {
 
 /// The indicators of a record over its shaft angle.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct GearAnalysis {
+pub(super) struct GearAnalysis {
     /// The indicators. Those that cannot be computed are omitted, with a reason.
-    pub indicators: Indicators,
+    pub(super) indicators: Indicators,
     /// The angle, if there is one.
-    pub angle: Option<AngleUsed>,
+    pub(super) angle: Option<AngleUsed>,
 }
 
 impl GearAnalysis {
@@ -100,11 +100,6 @@ impl GearAnalysis {
         indicators.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
         indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
         Self { indicators, angle: Some(angle) }
-    }
-
-    /// Returns the source of the angle.
-    pub fn source(&self) -> Option<AngleSource> {
-        self.angle.as_ref().map(|angle| angle.source)
     }
 }
 

@@ -10,8 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
 use super::{
-    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, OtherMeshes, Record, RunMean, RunMeans,
-    ShaftAngle,
+    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, Record, RunMean, RunMeans, Tachometer,
 };
 
 #[derive(Deserialize)]
@@ -41,22 +40,16 @@ struct Case {
 
 impl Case {
     fn record(&self) -> Record {
-        Record::new("1", Timestamp::UNIX_EPOCH, self.sample_rate_hz, "m/s2", self.samples.clone()).unwrap()
-    }
-
-    fn angle(&self) -> ShaftAngle {
-        ShaftAngle::from_pulses(&self.pulse_times_s, self.pulses_per_revolution).unwrap()
+        let samples = self.samples.clone();
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, self.sample_rate_hz, "m/s2", samples).unwrap();
+        record.with_tachometer(Some(Tachometer {
+            pulse_times_s: self.pulse_times_s.clone(),
+            pulses_per_revolution: self.pulses_per_revolution,
+        }))
     }
 
     fn mesh(&self) -> MeshContext {
-        MeshContext {
-            teeth: self.teeth,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz: 10.0,
-            tolerance: 0.05,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        }
+        MeshContext::new([self.teeth, 0], 10.0, 0.05)
     }
 }
 
@@ -106,18 +99,18 @@ fn assert_indicator_close(name: &str, got: f64, want: f64) {
 #[test]
 fn gear_indicators_and_signals_equal_scipy() {
     for case in cases() {
-        let (record, angle, mesh) = (case.record(), case.angle(), case.mesh());
-        let turned = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap();
+        let (record, mesh) = (case.record(), case.mesh());
+        let turned = analyzer().angle_record(&record, &mesh).unwrap();
         assert_eq!(
             (turned.samples_per_turn, turned.turns),
             (case.samples_per_turn, case.turns),
             "{}",
             case.name
         );
-        let spectrum = analyzer().order_spectrum(&record, &mesh, Some(&angle)).unwrap();
+        let spectrum = analyzer().order_spectrum(&record, &mesh).unwrap();
         let largest = case.signals["average"].iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
         assert_close_over_angle(&case.name, &spectrum.amplitude, &case.order_amplitude, largest);
-        let signals = analyzer().gear_signals(&record, &mesh, Some(&angle)).unwrap();
+        let signals = analyzer().gear_signals(&record, &mesh).unwrap();
         for (part, got) in [
             ("average", &signals.average),
             ("regular", &signals.regular),
@@ -127,7 +120,7 @@ fn gear_indicators_and_signals_equal_scipy() {
         ] {
             assert_close_over_angle(&format!("{}, {part}", case.name), got, &case.signals[part], largest);
         }
-        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        let got = analyzer().gear_indicators(&record, &mesh).indicators;
         assert_eq!(got.values.keys().collect::<Vec<_>>(), case.indicators.keys().collect::<Vec<_>>());
         for (name, want) in &case.indicators {
             assert_indicator_close(&format!("{}, {name}", case.name), got.values[name], *want);
@@ -157,7 +150,7 @@ fn na4_and_nb4_follow_their_definition_after_a_restart() {
     let mut state = RunMeans::default();
     let mut sums = Vec::new();
     for case in cases() {
-        let got = analyzer().gear_indicators(&case.record(), &case.mesh(), Some(&case.angle()));
+        let got = analyzer().gear_indicators(&case.record(), &case.mesh());
         let run = state.update(&got.indicators);
         let samples = case.samples_per_turn as f64;
         let sum = |part: &str, power: i32| case.signals[part].iter().map(|x| x.powi(power)).sum::<f64>();
@@ -179,24 +172,18 @@ fn na4_and_nb4_follow_their_definition_after_a_restart() {
 /// samples of all averages.
 #[test]
 fn gaussian_noise_has_its_normal_moments() {
-    let mesh = MeshContext {
-        teeth: 20,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: 5.0,
-        tolerance: 0.0,
-        nominal_is_exact: true,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::at_exact_speed([20, 0], 5.0);
     let pulses: Vec<f64> = (0..12).map(|pulse| f64::from(pulse) / 5.0).collect();
-    let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();
+    let tachometer = Tachometer { pulse_times_s: pulses, pulses_per_revolution: 1 };
     let (mut sums, records) = ([0.0; 3], 40);
     let mut per_turn = 0;
     for seed in 0..records {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let samples = (0..44_000).map(|_| StandardNormal.sample(&mut random)).collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "g", samples).unwrap();
-        per_turn = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap().samples_per_turn;
-        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        let record = record.with_tachometer(Some(tachometer.clone()));
+        per_turn = analyzer().angle_record(&record, &mesh).unwrap().samples_per_turn;
+        let got = analyzer().gear_indicators(&record, &mesh).indicators;
         for (sum, name) in sums.iter_mut().zip(["fm4", "m6a", "m8a"]) {
             *sum += got.values[name] / records as f64;
         }

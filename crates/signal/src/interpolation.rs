@@ -1,7 +1,7 @@
 //! Interpolation between the samples of a record by a windowed sinc.
 //!
-//! Samples are stored in single precision, so weights and sums are too: an interpolated value is as exact as a
-//! sample, at less than half the cost of double precision.
+//! Samples are stored in single precision, so weights and sums are too: an interpolated value is as exact as
+//! a sample, at less than half the cost of double precision.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -17,8 +17,8 @@ const TAPS: usize = 2 * REACH;
 /// Number of parts of a sampling interval; in each, the weights are their own polynomials.
 const PHASES: usize = 128;
 
-/// Coefficients of these polynomials, of degree 2: the error is 3·10⁻⁸ of the largest weight, half the rounding
-/// of single precision.
+/// Coefficients of these polynomials, of degree 2: the error is 3·10⁻⁸ of the largest weight, half the
+/// rounding of single precision.
 const COEFFICIENTS: usize = 3;
 
 /// Largest stride in which points are processed.

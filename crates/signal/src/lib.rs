@@ -6,7 +6,7 @@
 //! - [`Features`]: the values that the wear estimate compares.
 //!
 //! ```
-//! use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+//! use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, Record};
 //! use jiff::Timestamp;
 //!
 //! // A mesh of 24 teeth at 25 Hz, modulated once a turn.
@@ -16,14 +16,7 @@
 //! });
 //! let record = Record::new("a1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect())?;
 //!
-//! let mesh = MeshContext {
-//!     teeth: 24,
-//!     mate_teeth: 0,
-//!     nominal_shaft_speed_hz: 24.5,
-//!     tolerance: 0.05,
-//!     nominal_is_exact: false,
-//!     others: OtherMeshes::NONE,
-//! };
+//! let mesh = MeshContext::new([24, 0], 24.5, 0.05);
 //! let analysis = Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh);
 //! let speed = analysis.shaft_speed.expect("the mesh is in the record");
 //! assert!((speed.shaft_speed_hz - 25.0).abs() < 0.01);
@@ -55,9 +48,11 @@ mod comb_support;
 mod condition;
 mod either_gear;
 mod envelope;
+mod envelope_analysis;
 mod faults;
 mod features;
 mod foreign_lines;
+mod gear_analysis;
 mod gear_indicators;
 #[cfg(test)]
 mod gear_reference;
@@ -69,6 +64,7 @@ mod interpolation;
 mod kurtogram;
 mod line;
 mod mesh_comb;
+mod mesh_context;
 mod mesh_lines;
 mod mesh_phase;
 mod moments;
@@ -105,17 +101,18 @@ pub use condition::{Basis, Condition, ConditionSettings, GEAR_PREPROCESSING};
 pub use either_gear::{Gear, TurnAverage};
 pub use envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch};
 pub use features::{Extent, Features, PREPROCESSING};
-pub use gear_indicators::{AngleUsed, GearAnalysis, RunMean, RunMeans};
+pub use gear_indicators::{AngleUsed, RunMean, RunMeans};
 pub use gear_signals::GearSignals;
 pub use impacts::BearingSettings;
 pub use indicator_names::IndicatorScope;
 pub use indicators::{INDICATORS, Indicators, NotComputed};
 pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
+pub use mesh_context::MeshContext;
 pub use mesh_lines::MeshLine;
 pub use motion::Motion;
 pub use other_meshes::{OtherMesh, OtherMeshes};
 pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, RecordOf, Tachometer};
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;
-pub use speed::{MeshContext, ShaftSpeed, SpeedDoubt, SpeedSource};
+pub use speed::{ShaftSpeed, SpeedDoubt, SpeedSource};
 pub use velocity::VELOCITY_RMS;

@@ -5,9 +5,9 @@ use serde::Serialize;
 use super::features::Features;
 use super::line::{LineReading, MAIN_LOBE_BINS, background, fits, read_line, read_mesh_line, search_reach};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
-use super::speed::MeshContext;
 
 /// Mesh harmonics whose sidebands and envelopes are features.
 const SIDEBAND_HARMONICS: usize = 4;

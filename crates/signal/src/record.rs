@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -256,8 +256,8 @@ impl<'a> RecordOf<'a> {
         self
     }
 
-    /// Sets the factor by which the values of the source were multiplied to get the samples: finite and not 0.
-    /// It is metadata; the samples stay as they are.
+    /// Sets the factor by which the values of the source were multiplied to get the samples: finite and not
+    /// 0. It is metadata; the samples stay as they are.
     pub fn with_source_scale(mut self, source_scale: Option<f64>) -> Self {
         self.source_scale = source_scale;
         self
@@ -336,12 +336,18 @@ impl<'a> RecordOf<'a> {
     /// without a tachometer.
     pub(super) fn tachometer_angle(&self) -> Option<Result<ShaftAngle, PulseError>> {
         let Tachometer { pulse_times_s, pulses_per_revolution } = self.tachometer.as_ref()?;
-        Some(ShaftAngle::from_geared_pulses(pulse_times_s, *pulses_per_revolution, self.shaft_turns))
+        Some(ShaftAngle::from_pulses(pulse_times_s, *pulses_per_revolution, self.shaft_turns))
     }
 
     /// Returns the record's duration in seconds.
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.sample_rate_hz
+    }
+
+    /// Returns the time at which the record ends, at most the last one that can be represented.
+    pub fn end_time(&self) -> Timestamp {
+        let length = SignedDuration::try_from_secs_f64(self.duration_s()).unwrap_or(SignedDuration::MAX);
+        self.start_time.saturating_add(length).unwrap_or(Timestamp::MAX)
     }
 }
 

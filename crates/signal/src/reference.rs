@@ -4,7 +4,7 @@
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use super::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record};
+use super::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, Record};
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -64,17 +64,9 @@ fn assert_spectra_close(name: &str, got: &[f64], want: &[f64]) {
 #[test]
 fn indicators_and_lines_equal_scipy() {
     for case in cases() {
-        let mesh = MeshContext {
-            teeth: 12,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz: 1.0,
-            tolerance: 0.05,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        };
+        let mesh = MeshContext::new([12, 0], 1.0, 0.05);
         let point = OperatingPoint {
             shaft_speed_hz: case.mesh_bins.map(|bins| bins / 12.0),
-            torque_nm: None,
             ..OperatingPoint::default()
         };
         let got = analyzer().analyze(&record(&case).with_operating_point(point).unwrap(), &mesh).indicators;

@@ -86,15 +86,10 @@ pub struct ShaftAngle {
 }
 
 impl ShaftAngle {
-    /// Determines the angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are
-    /// seconds after the record's first sample, ascending; some may lie before it or after its end. Between
-    /// pulses, time is a monotone cubic of the angle.
-    pub fn from_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32) -> Result<Self, PulseError> {
-        Self::from_geared_pulses(pulse_times_s, pulses_per_revolution, 1.0)
-    }
-
-    /// Determines the angle of a shaft that makes `turns` per turn of the one with the tachometer.
-    pub(super) fn from_geared_pulses(
+    /// Determines the angle of a shaft that makes `turns` per turn of the one with the tachometer, zero at
+    /// the first pulse. `pulse_times_s` are seconds after the record's first sample, ascending; some may lie
+    /// before it or after its end. Between pulses, time is a monotone cubic of the angle.
+    pub(super) fn from_pulses(
         pulse_times_s: &[f64],
         pulses_per_revolution: u32,
         turns: f64,
@@ -235,7 +230,7 @@ mod tests {
     #[test]
     fn even_pulses_are_a_constant_speed() {
         let pulses: Vec<f64> = (0..41).map(|pulse| 0.3 + f64::from(pulse) / 40.0).collect();
-        let angle = ShaftAngle::from_pulses(&pulses, 4).unwrap();
+        let angle = ShaftAngle::from_pulses(&pulses, 4, 1.0).unwrap();
         assert_eq!(angle.revolutions(), [0.0, 10.0]);
         assert!((angle.time_s(2.6, &mut 0) - 0.56).abs() < 1e-12);
         assert!((angle.lowest_speed_hz() - 10.0).abs() < 1e-9);
@@ -258,7 +253,7 @@ mod tests {
             })
             .collect();
         let AngleSource::Tachometer { angle_error_deg: Some(error_deg), .. } =
-            ShaftAngle::from_pulses(&pulses, 1).unwrap().source()
+            ShaftAngle::from_pulses(&pulses, 1, 1.0).unwrap().source()
         else {
             panic!("no error");
         };
@@ -268,7 +263,7 @@ mod tests {
     #[test]
     fn invalid_pulses_report_the_reason() {
         let error =
-            |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
+            |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution, 1.0).unwrap_err();
         assert_eq!(error(&[0.0, 1.0], 0), PulseError::PulsesPerRevolution);
         assert_eq!(error(&[0.0], 1), PulseError::TooFew(1));
         assert_eq!(error(&[0.0, 1.0, 1.0], 1), PulseError::NotRising(2));

@@ -6,39 +6,8 @@ use super::comb_support::{CombDoubt, Reading, Support, support};
 use super::indicators::NotComputed;
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
-use super::other_meshes::OtherMeshes;
+use super::mesh_context::MeshContext;
 use super::record::RecordOf;
-
-/// The known data of a mesh.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MeshContext {
-    /// Teeth on the reference shaft, whose speed is given (the driving gear, the pinion); 0 without a mesh.
-    pub teeth: u32,
-    /// Teeth of the mating gear; 0 if unknown.
-    pub mate_teeth: u32,
-    /// Nominal rotational frequency of the reference shaft in hertz.
-    pub nominal_shaft_speed_hz: f64,
-    /// Largest relative deviation of the speed from nominal (0.05 for ± 5 %).
-    pub tolerance: f64,
-    /// Whether the nominal speed is exact, so no search is needed.
-    pub nominal_is_exact: bool,
-    /// Other meshes that the sensor measures.
-    pub others: OtherMeshes,
-}
-
-impl MeshContext {
-    /// Returns the context of an unknown mesh: indicators that need it are omitted.
-    pub fn unknown() -> Self {
-        Self {
-            teeth: 0,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz: 0.0,
-            tolerance: 0.0,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        }
-    }
-}
 
 /// Source of a shaft speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -259,7 +259,7 @@ impl Fluctuation {
 mod tests {
     use jiff::Timestamp;
 
-    use super::super::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+    use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
     use super::*;
 
     /// Harmonics of amplitude 1/h with once-per-turn modulation of depth 0.2; the speed swings by this part
@@ -279,14 +279,7 @@ mod tests {
             (lines + 0.01 * (f64::from(i * i % 977) / 977.0 - 0.5)) as f32
         });
         let record = Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "g", samples.collect()).unwrap();
-        let mesh = MeshContext {
-            teeth: 24,
-            mate_teeth: 0,
-            nominal_shaft_speed_hz: 16.64,
-            tolerance: 0.05,
-            nominal_is_exact: false,
-            others: OtherMeshes::NONE,
-        };
+        let mesh = MeshContext::new([24, 0], 16.64, 0.05);
         Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features
     }
 

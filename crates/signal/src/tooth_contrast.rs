@@ -9,7 +9,7 @@ use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;
-use super::speed::MeshContext;
+use super::mesh_context::MeshContext;
 use super::sums::{mean_of, sum_of};
 use super::transform::Transforms;
 

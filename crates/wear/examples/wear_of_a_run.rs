@@ -6,7 +6,7 @@ use std::error::Error;
 use std::sync::Arc;
 
 use flankwatch_gear::PairSpec;
-use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext};
 use flankwatch_wear::estimate::{EstimatorSettings, Tracker};
 use flankwatch_wear::library::{BuildControl, Ensemble, GridSettings, build};
 use flankwatch_wear::simulation::{Run, RunPlan};
@@ -51,14 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let settings = EstimatorSettings { baseline_records: 10, limit_um: Some(200.0) };
     let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library))));
-    let mesh = MeshContext {
-        teeth: pair.geometry.teeth[0],
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
-        tolerance: 0.05,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new([pair.geometry.teeth[0], 0], pair.operation.shaft_speed_hz, 0.05);
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mut state = tracker.start();
     println!("record  true µm  estimate µm  (90 % interval)");

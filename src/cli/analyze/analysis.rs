@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use jiff::{SignedDuration, Timestamp};
+use jiff::Timestamp;
 
 use super::AnalyzeArgs;
 use super::envelope::{AnalyzedEnvelope, EnvelopeArg};
@@ -91,9 +91,7 @@ impl<'a> Analysis<'a> {
         }
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
-            let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
-            let end = recorded.record.start_time().saturating_add(length).unwrap_or(*next_start);
-            *next_start = (*next_start).max(end);
+            *next_start = (*next_start).max(recorded.record.end_time());
             self.analyze_record(path, recorded);
             progress.set_read(file.bytes_read());
         }
@@ -166,9 +164,9 @@ impl<'a> Analysis<'a> {
         AnalyzedEnvelope::new(band, &spectrum)
     }
 
-    /// Estimates wear from each channel's records in time order, as the service does. While the ensemble is not
-    /// complete, prints a provisional estimate from its first members and simulates the rest; Ctrl-C keeps the
-    /// provisional estimate.
+    /// Estimates wear from each channel's records in time order, as the service does. While the ensemble is
+    /// not complete, prints a provisional estimate from its first members and simulates the rest; Ctrl-C
+    /// keeps the provisional estimate.
     pub(super) fn estimate_wear(&mut self) -> Result<(), CliError> {
         let Some(asset) = &self.asset else { return Ok(()) };
         let settings = EstimatorSettings {

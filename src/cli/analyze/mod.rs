@@ -27,8 +27,8 @@ use crate::library::EnsembleSettings;
 pub(super) struct AnalyzeArgs {
     /// Recordings in time order, folders or patterns such as `day-*.wav`
     ///
-    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders and
-    /// patterns are read in order of their names.
+    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders
+    /// and patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
@@ -36,7 +36,8 @@ pub(super) struct AnalyzeArgs {
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
-    /// Asset file (TOML): tooth counts, nominal speed, gear pair [default: only indicators that need no speed]
+    /// Asset file (TOML): tooth counts, nominal speed, gear pair [default: only indicators that need no
+    /// speed]
     #[arg(long, value_name = "FILE")]
     asset: Option<PathBuf>,
     /// Output format
@@ -62,8 +63,8 @@ pub(super) struct AnalyzeArgs {
     torque_nm: Option<f64>,
     /// Add each record's envelope spectrum to the JSON output, in this band
     ///
-    /// asset: the band of the asset file; mesh: around the strongest mesh harmonic; kurtogram: the band with the
-    /// highest spectral kurtosis; LOW,HIGH: limits in Hz.
+    /// asset: the band of the asset file; mesh: around the strongest mesh harmonic; kurtogram: the band with
+    /// the highest spectral kurtosis; LOW,HIGH: limits in Hz.
     #[arg(long, value_name = "asset|mesh|kurtogram|LOW,HIGH")]
     envelope: Option<EnvelopeArg>,
     /// Data folder; libraries are cached in its folder `libraries`

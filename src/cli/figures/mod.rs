@@ -1,4 +1,5 @@
-//! `flankwatch figures`: reproduces the paper's figures on one page and checks the paper's statements about them.
+//! `flankwatch figures`: reproduces the paper's figures on one page and checks the paper's statements about
+//! them.
 
 mod page;
 mod panel;

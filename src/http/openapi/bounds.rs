@@ -3,8 +3,9 @@
 
 use serde_json::{Map, Value};
 
-/// The rules: `named` ones that others refer to by name, and those of `parameters` by operation (`*` for all),
-/// of JSON `bodies` by operation and media type, and of the fields of `schemas` and of whole schemas (`rules`).
+/// The rules: `named` ones that others refer to by name, and those of `parameters` by operation (`*` for
+/// all), of JSON `bodies` by operation and media type, and of the fields of `schemas` and of whole schemas
+/// (`rules`).
 const BOUNDS: &str = include_str!("bounds.json");
 
 /// Writes the rules into the description; returns the names for which nothing was found.

@@ -197,7 +197,7 @@ impl Appended<'_> {
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
             Fold::Complete { after, folded, estimator } => {
-                // Only here is it noticed that the library of a new channel became ready in the meantime.
+                // Nothing else notices that the library of a new channel became ready in the meantime.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
                 slot.points.get_or_insert_default().replace(after, folded.points);

@@ -186,7 +186,7 @@ impl Recomputer {
             >= FOLDED_AT_ONCE as usize
         {}
         // Under the lock this process adds no records, and few have arrived since. Those that another process
-        // adds are folded in a further turn.
+        // adds are folded in another round.
         let mut slot = slot.lock().await;
         let mut turns = 0;
         let (notices, now) = loop {

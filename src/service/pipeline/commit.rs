@@ -38,7 +38,7 @@ pub(crate) struct CommittedSegment {
     pub(crate) shares_sensor: bool,
 }
 
-/// Segments of one asset to be committed, and the sender of the answer.
+/// Segments of one asset to be committed, and the sender of the result.
 pub(crate) struct Job {
     asset: AssetId,
     segments: Vec<NewSegment>,
@@ -222,7 +222,7 @@ impl Committer {
             self.events.announce_segment(&segment);
             done.insert(segment.id.clone(), (segment, false));
         }
-        // The same record twice in one batch is stored once and answered once in each job.
+        // The same record twice in one batch is stored once and gets one response in each job.
         let answer = |(asset, segments): &(AssetId, Vec<NewSegment>)| {
             let mut answered = Vec::with_capacity(segments.len());
             for segment in segments {

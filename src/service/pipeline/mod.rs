@@ -170,7 +170,7 @@ impl Pipeline {
         Ok(accepted)
     }
 
-    /// The latest start time that a record may have which is received at a time.
+    /// The latest start time that is accepted for a record received at a given time.
     fn latest(&self, received_at: Timestamp) -> Timestamp {
         received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
     }

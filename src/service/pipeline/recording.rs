@@ -26,8 +26,8 @@ pub(crate) struct RecordedBatch {
 }
 
 impl Pipeline {
-    /// Accepts every record of an MCAP recording, read from the reader that `open` returns, with `names` for its
-    /// channels; returns once everything is durable.
+    /// Accepts every record of an MCAP recording, read from the reader that `open` returns, with `names` for
+    /// its channels; returns once everything is durable.
     ///
     /// An invalid record is listed in the summary and the others are accepted. An error is returned only if
     /// no record could be read, or if the service itself failed.

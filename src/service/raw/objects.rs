@@ -273,7 +273,7 @@ impl RawObjects {
         }
         let store = self.store.clone();
         let dispose_of = move || {
-            // The time is read, which writes a file, only if it is needed: the disk may be full.
+            // Reading the time writes a file, and the disk may be full: only if it is needed.
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
             for name in &names {
                 // Checked at the last moment: storing an object again resets its age.

@@ -119,8 +119,8 @@ impl fmt::Display for SampleFile {
 /// Metadata that the sender gives with a record; values in the bytes themselves take precedence.
 #[derive(Debug, Clone, Default)]
 pub struct UploadMetadata {
-    /// The time of the first sample; by default the time of receipt, or the last time before it with the time of
-    /// day in the recording.
+    /// The time of the first sample; by default the time of receipt, or the last time before it with the time
+    /// of day in the recording.
     pub start_time: Option<Timestamp>,
     /// The channel's name, for a recording of one channel.
     pub channel: Option<String>,

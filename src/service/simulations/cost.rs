@@ -1,9 +1,8 @@
 //! The expected time of a simulation before it starts, from the speed of earlier ones on this machine.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::job::lock;
 use super::status::SimulationStage;
 use crate::library::{EnsembleSettings, FIRST_MEMBERS, GridSettings, VARIANTS};
 
@@ -11,8 +10,8 @@ use crate::library::{EnsembleSettings, FIRST_MEMBERS, GridSettings, VARIANTS};
 /// process has measured its own.
 const STATE_S: f64 = 1.04 / 50.0;
 
-/// The same for a group of ensemble members that are simulated together: in all 8 times as many instructions as
-/// the library (benches/RESULTS.md).
+/// The same for a group of ensemble members that are simulated together: in all 8 times as many instructions
+/// as the library (benches/RESULTS.md).
 const GROUP_S: f64 = 8.0 * 1.04 / (FIRST_MEMBERS / VARIANTS) as f64;
 
 /// The time of one piece of each stage, on all threads for simulations.
@@ -33,13 +32,17 @@ impl Cost {
         Self { pieces: Mutex::new(PieceTimes { state_s: STATE_S / threads, group_s: GROUP_S / threads }) }
     }
 
+    fn pieces(&self) -> MutexGuard<'_, PieceTimes> {
+        self.pieces.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Records how long a stage with this many pieces took.
     pub(super) fn note(&self, stage: SimulationStage, pieces: usize, took: Duration) {
         if pieces == 0 {
             return;
         }
         let piece_s = took.as_secs_f64() / pieces as f64;
-        let mut times = lock(&self.pieces);
+        let mut times = self.pieces();
         match stage {
             SimulationStage::Library => times.state_s = piece_s,
             SimulationStage::FirstMembers => times.group_s = piece_s,
@@ -49,12 +52,12 @@ impl Cost {
 
     /// The expected seconds until a library is ready.
     pub(super) fn library_s(&self, grid: &GridSettings) -> f64 {
-        lock(&self.pieces).state_s * grid.simulations() as f64
+        self.pieces().state_s * grid.simulations() as f64
     }
 
     /// The expected seconds from then on until the first members of its ensemble are ready.
     pub(super) fn first_members_s(&self, neighbours: EnsembleSettings) -> f64 {
-        lock(&self.pieces).group_s * neighbours.first().members.div_ceil(VARIANTS) as f64
+        self.pieces().group_s * neighbours.first().members.div_ceil(VARIANTS) as f64
     }
 }
 

@@ -67,8 +67,8 @@ impl SimulationProgress {
         self.first.get_or_insert((now, done));
     }
 
-    /// The number of pieces done since a time, if the stage began then; 0 if some of them come from an earlier
-    /// build, which are done at once.
+    /// The number of pieces done since a time, if the stage began then; 0 if some of them come from an
+    /// earlier build, which are done at once.
     pub(super) fn pieces_since(&self, began: Instant, now: Instant) -> usize {
         let took = now.duration_since(began);
         let is_resumed = self.first.is_none_or(|(first, _)| first.duration_since(began) < took / 20);

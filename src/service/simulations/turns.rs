@@ -1,16 +1,15 @@
-//! The order of simulations. Each uses all threads for simulations, so they run one after the other; a library
-//! that an asset waits for comes before one that only refines its estimates.
+//! The order of simulations. Each uses all threads for simulations, so they run one after the other; a
+//! library that an asset waits for comes before one that only refines its estimates.
 
 use std::collections::BTreeSet;
-use std::sync::{Condvar, Mutex};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::job::lock;
 use super::status::SimulationStage;
 use crate::service::error::ServiceError;
 use crate::service::workers;
 
-/// A priority lock on the threads for simulations: the earlier stage first, and within a stage in the order of
-/// arrival.
+/// A priority lock on the threads for simulations: the earlier stage first, and within a stage in the order
+/// of arrival.
 #[derive(Debug)]
 pub(super) struct Turns {
     threads: rayon::ThreadPool,
@@ -45,17 +44,21 @@ impl Turns {
 
     /// Waits for a turn at a stage.
     pub(super) fn wait(&self, stage: SimulationStage) -> Turn<'_> {
-        let mut queue = lock(&self.queue);
+        let mut queue = self.queue();
         let mine = (stage, queue.tickets);
         queue.tickets += 1;
         queue.waiting.insert(mine);
         let mut queue = self
             .freed
             .wait_while(queue, |queue| queue.is_taken || queue.waiting.first() != Some(&mine))
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+            .unwrap_or_else(PoisonError::into_inner);
         queue.waiting.remove(&mine);
         queue.is_taken = true;
         Turn(self)
+    }
+
+    fn queue(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -68,7 +71,7 @@ impl Turn<'_> {
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
-        lock(&self.0.queue).is_taken = false;
+        self.0.queue().is_taken = false;
         self.0.freed.notify_all();
     }
 }
@@ -90,17 +93,17 @@ mod tests {
                 let (turns, order) = (&turns, &order);
                 scope.spawn(move || {
                     let _turn = turns.wait(stage);
-                    lock(order).push((stage, count));
+                    order.lock().unwrap().push((stage, count));
                 });
                 // They start to wait in this order.
-                while lock(&turns.queue).waiting.len() <= count {
+                while turns.queue().waiting.len() <= count {
                     std::thread::yield_now();
                 }
             }
             drop(held);
         });
         let expected = [(Library, 3), (Library, 4), (FirstMembers, 1), (Members, 0), (Members, 2)];
-        assert_eq!(*lock(&order), expected);
+        assert_eq!(*order.lock().unwrap(), expected);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The disk operations of objects and of stream journals. Tests replace them by a disk that fails or loses writes.
+//! The disk operations of objects and of stream journals. Tests replace them by a disk that fails or loses
+//! writes.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};

@@ -35,41 +35,41 @@ impl Folder {
     /// Opens the folder, which is created if missing, and removes the files of interrupted writes.
     pub(super) fn open(folder: PathBuf, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         let temporary = folder.join("tmp");
-        disk.create_folder(&temporary)
-            .map_err(|source| file_error("create the folder", &temporary, source))?;
+        let opened = Self::new(folder, temporary, disk);
+        opened.create_folder(&opened.temporary)?;
         // The names of the folder and its parent too: a crash must not lose the whole folder.
-        for folder in folder.ancestors().take(2).filter(|folder| !folder.as_os_str().is_empty()) {
-            disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
+        for folder in opened.folder.ancestors().take(2).filter(|folder| !folder.as_os_str().is_empty()) {
+            opened.sync_folder(folder)?;
         }
         let mut stale = 0;
-        for entry in fs::read_dir(&temporary).map_err(|source| file_error("list", &temporary, source))? {
-            let path = entry.map_err(|source| file_error("list", &temporary, source))?.path();
-            disk.remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
+        let failed = |source| file_error("list", &opened.temporary, source);
+        for entry in fs::read_dir(&opened.temporary).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            let removed = opened.disk.remove_file(&path);
+            removed.map_err(|source| file_error("remove the unfinished", &path, source))?;
             stale += 1;
         }
         if stale > 0 {
             tracing::info!(stale, "removed unfinished raw objects of a previous run");
         }
-        Ok(Self {
+        Ok(opened)
+    }
+
+    fn new(folder: PathBuf, temporary: PathBuf, disk: Arc<dyn Disk>) -> Self {
+        Self {
             disk,
             folder,
             temporary,
             counter: AtomicU64::new(0),
             durable: Mutex::default(),
             is_shared: false,
-        })
+        }
     }
 
     /// Opens an existing folder without removing unfinished files, which another process may be writing.
     pub(super) fn open_to_read(folder: PathBuf) -> Self {
-        Self {
-            disk: Arc::new(SystemDisk),
-            temporary: folder.join("tmp"),
-            folder,
-            counter: AtomicU64::new(0),
-            durable: Mutex::default(),
-            is_shared: false,
-        }
+        let temporary = folder.join("tmp");
+        Self::new(folder, temporary, Arc::new(SystemDisk))
     }
 
     /// Opens a folder that other processes write to as well, without removing their unfinished files.
@@ -80,17 +80,9 @@ impl Folder {
             file_error("name a folder in", &folder, std::io::Error::other(source.to_string()))
         })?;
         let temporary = folder.join("tmp").join(hex::encode(random));
-        fs::create_dir_all(&temporary)
-            .map_err(|source| file_error("create the folder", &temporary, source))?;
-        let disk = Arc::new(SystemDisk);
-        Ok(Self {
-            disk,
-            folder,
-            temporary,
-            counter: AtomicU64::new(0),
-            durable: Mutex::default(),
-            is_shared: true,
-        })
+        let opened = Self { is_shared: true, ..Self::new(folder, temporary, Arc::new(SystemDisk)) };
+        opened.create_folder(&opened.temporary)?;
+        Ok(opened)
     }
 
     /// Stores every object, and a note beside them; bytes and names are durable once this returns. An object
@@ -107,9 +99,7 @@ impl Folder {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
             let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
             if !is_whole {
-                self.disk
-                    .create_folder(&folder)
-                    .map_err(|source| file_error("create the folder", &folder, source))?;
+                self.create_folder(&folder)?;
                 self.write(&path, bytes)?;
             }
             if !self.durable().contains(&folder) {
@@ -122,7 +112,7 @@ impl Folder {
         touched.sort_unstable();
         touched.dedup();
         for folder in &touched {
-            self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
+            self.sync_folder(folder)?;
         }
         self.durable().extend(touched);
         Ok(())
@@ -131,25 +121,14 @@ impl Folder {
     /// The size of an object; `None` if it does not exist.
     pub(super) fn size(&self, name: &str) -> Result<Option<u64>, StoreError> {
         let path = self.path(name);
-        match fs::metadata(&path) {
-            Ok(metadata) => Ok(Some(metadata.len())),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(file_error("look at", &path, source)),
-        }
+        Ok(if_exists("look at", &path, fs::metadata(&path))?.map(|metadata| metadata.len()))
     }
 
     /// The first bytes of the names of existing objects and notes.
     pub(super) fn shards(&self) -> Result<Vec<u8>, StoreError> {
-        let failed = |source| file_error("list", &self.folder, source);
-        let entries = match fs::read_dir(&self.folder) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            entries => entries.map_err(failed)?,
-        };
-        let mut found = Vec::new();
-        for entry in entries {
-            let name = entry.map_err(failed)?.file_name();
-            found.extend(name.to_str().and_then(shard_of));
-        }
+        let names = entries(&self.folder)?;
+        let mut found: Vec<u8> =
+            names.iter().filter_map(|entry| shard_of(entry.file_name().to_str()?)).collect();
         found.sort_unstable();
         Ok(found)
     }
@@ -157,31 +136,19 @@ impl Folder {
     /// Lists the objects whose names start with this byte.
     pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         let folder = self.folder.join(format!("{shard:02x}"));
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(source) => return Err(file_error("list", &folder, source)),
-        };
-        let mut found = Vec::new();
-        for entry in entries {
-            let entry = entry.map_err(|source| file_error("list", &folder, source))?;
-            let Ok(name) = entry.file_name().into_string() else {
-                continue;
-            };
-            if let Ok(metadata) = entry.metadata()
-                && is_name(&name)
-            {
-                found.push(ListedObject { name, bytes: metadata.len(), written_at: written_at(&metadata) });
-            }
-        }
-        Ok(found)
+        let listed = entries(&folder)?.into_iter().filter_map(|entry| {
+            let name = entry.file_name().into_string().ok().filter(|name| is_name(name))?;
+            let metadata = entry.metadata().ok()?;
+            Some(ListedObject { name, bytes: metadata.len(), written_at: written_at(&metadata) })
+        });
+        Ok(listed.collect())
     }
 
     /// Writes a file under a path in the folder; bytes and name are durable once this returns.
     pub(super) fn put_file(&self, path: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         let folder = path.parent().unwrap_or(&self.folder);
-        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        self.create_folder(folder)?;
         self.write(&path, bytes)?;
         self.sync_up_from(folder)
     }
@@ -203,21 +170,13 @@ impl Folder {
     /// Reads a file; returns `None` if it does not exist.
     pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         let path = self.folder.join(path);
-        match self.disk.read(&path) {
-            Ok(bytes) => Ok(Some(bytes.into())),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(file_error("read", &path, source)),
-        }
+        Ok(if_exists("read", &path, self.disk.read(&path))?.map(Bytes::from))
     }
 
     /// When a file was last written; `None` if it does not exist.
     pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
         let path = self.folder.join(path);
-        match fs::metadata(&path) {
-            Ok(metadata) => Ok(Some(written_at(&metadata))),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(file_error("look at", &path, source)),
-        }
+        Ok(if_exists("look at", &path, fs::metadata(&path))?.as_ref().map(written_at))
     }
 
     /// Lists all files under a path, including those in subfolders.
@@ -225,14 +184,7 @@ impl Folder {
         let mut found = Vec::new();
         let mut folders = vec![under.to_owned()];
         while let Some(folder) = folders.pop() {
-            let path = self.folder.join(&folder);
-            let entries = match fs::read_dir(&path) {
-                Ok(entries) => entries,
-                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-                Err(source) => return Err(file_error("list", &path, source)),
-            };
-            for entry in entries {
-                let entry = entry.map_err(|source| file_error("list", &path, source))?;
+            for entry in entries(&self.folder.join(&folder))? {
                 let (Ok(name), Ok(metadata)) = (entry.file_name().into_string(), entry.metadata()) else {
                     continue;
                 };
@@ -252,26 +204,20 @@ impl Folder {
     pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         let (from, to) = (self.folder.join(from), self.folder.join(to));
         let folder = to.parent().unwrap_or(&self.folder);
-        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))?;
-        match self.disk.rename(&from, &to) {
-            Ok(()) => {
-                if let Some(left) = from.parent().filter(|left| *left != folder) {
-                    self.sync_up_from(left)?;
-                }
-                self.sync_up_from(folder)
-            }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            Err(source) => Err(file_error("move", &from, source)),
+        self.create_folder(folder)?;
+        if if_exists("move", &from, self.disk.rename(&from, &to))?.is_none() {
+            return Ok(());
         }
+        if let Some(left) = from.parent().filter(|left| *left != folder) {
+            self.sync_up_from(left)?;
+        }
+        self.sync_up_from(folder)
     }
 
     /// Removes a file; a missing file is no error.
     pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         let path = self.folder.join(path);
-        match self.disk.remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &path, error)),
-            _ => Ok(()),
-        }
+        if_exists("remove", &path, self.disk.remove_file(&path)).map(drop)
     }
 
     /// The path of an object.
@@ -283,32 +229,29 @@ impl Folder {
     fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
         let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
         for folder in inside {
-            self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
+            self.sync_folder(folder)?;
         }
         Ok(())
+    }
+
+    fn sync_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))
+    }
+
+    fn create_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))
     }
 
     /// Removes all pieces of an upload.
     pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         let folder = self.pieces(upload);
-        match self.disk.remove_folder(&folder) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(file_error("remove", &folder, error))
-            }
-            _ => Ok(()),
-        }
+        if_exists("remove", &folder, self.disk.remove_folder(&folder)).map(drop)
     }
 
     /// Lists the uploads that have pieces.
     pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
-        let folder = self.folder.join(UPLOADS);
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(source) => return Err(file_error("list", &folder, source)),
-        };
-        let names = entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-        names.collect::<io::Result<Vec<String>>>().map_err(|source| file_error("list", &folder, source))
+        let entries = entries(&self.folder.join(UPLOADS))?;
+        Ok(entries.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect())
     }
 
     fn durable(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
@@ -346,6 +289,21 @@ impl Folder {
         }
         Ok(temporary)
     }
+}
+
+/// The result of an action on a path; `None` if the path does not exist.
+fn if_exists<T>(action: &'static str, path: &Path, result: io::Result<T>) -> Result<Option<T>, StoreError> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(file_error(action, path, source)),
+    }
+}
+
+/// The entries of a folder; none if it does not exist.
+fn entries(folder: &Path) -> Result<Vec<fs::DirEntry>, StoreError> {
+    let Some(entries) = if_exists("list", folder, fs::read_dir(folder))? else { return Ok(Vec::new()) };
+    entries.collect::<io::Result<_>>().map_err(|source| file_error("list", folder, source))
 }
 
 /// The first byte of the names in a folder called `name`.

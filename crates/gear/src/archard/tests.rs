@@ -1,4 +1,4 @@
-use super::{ArchardWear, Target, WearHistory};
+use super::{ArchardWear, STEP_MODULES, Target, WearHistory};
 use crate::contact_band::arc_mm;
 use crate::testing::shen2022_spec;
 use crate::{ContactRule, Flank, FlankWear, GearError, GearPair, WearShape};
@@ -24,7 +24,7 @@ fn depths(pair: &GearPair, wear: &FlankWear, i: usize) -> Vec<f64> {
 fn shape_is_that_of_figure_6() {
     for rule in [ContactRule::Threshold, ContactRule::Loaded] {
         let pair = pair(rule);
-        let state = &ArchardWear::at_depths(&pair, &[0.012]).unwrap()[0];
+        let state = &ArchardWear::at_depths(&pair, &[0.012], STEP_MODULES).unwrap()[0];
         assert!((state.wear.greatest_depth_mm(&pair).into_iter().fold(0.0, f64::max) - 0.012).abs() < 1e-4);
         for (i, gear) in pair.gears.iter().enumerate() {
             let flank = Flank::new(gear, &state.wear, i);
@@ -117,7 +117,7 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
 fn history_equals_that_of_a_second_method() {
     const STATES_MM: [f64; 5] = [0.012, 0.025, 0.05, 0.1, 0.245];
     let pair = pair(ContactRule::Loaded);
-    let states = ArchardWear::at_depths(&pair, &STATES_MM).unwrap();
+    let states = ArchardWear::at_depths(&pair, &STATES_MM, STEP_MODULES).unwrap();
     let mut greatest = [(0.0_f64, 0.0_f64); 2];
     for line in include_str!("../../../../fixtures/reference/archard/wear.csv").lines().skip(1) {
         let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
@@ -157,7 +157,7 @@ fn history_equals_that_of_a_second_method() {
 fn the_pitch_point_is_spared_by_light_wear_only() {
     for rule in [ContactRule::Threshold, ContactRule::Loaded] {
         let pair = pair(rule);
-        let states = ArchardWear::at_depths(&pair, &[0.012, 0.025, 0.1, 0.245]).unwrap();
+        let states = ArchardWear::at_depths(&pair, &[0.012, 0.025, 0.1, 0.245], STEP_MODULES).unwrap();
         for (state, limits) in states.iter().zip([(0.0, 0.05), (0.05, 0.1), (0.3, 0.4), (0.5, 0.65)]) {
             let deepest = state.wear.greatest_depth_mm(&pair).into_iter().fold(0.0, f64::max);
             for (i, gear) in pair.gears.iter().enumerate() {
@@ -218,7 +218,7 @@ fn the_shape_of_a_pair_file_reaches_its_depth_state_by_state() {
     let states = FlankWear::from_shape_at(&pair, &[0.0, 0.002, 0.004]).unwrap();
     assert_eq!(states[0].profiles, FlankWear::none().profiles);
     assert_eq!(states[0].driving_turns(), Some(0.0));
-    let turns = ArchardWear::at_depths(&pair, &[0.004]).unwrap()[0].driving_turns;
+    let turns = ArchardWear::at_depths(&pair, &[0.004], STEP_MODULES).unwrap()[0].driving_turns;
     assert!((states[2].driving_turns().unwrap() / turns - 1.0).abs() < 0.02);
     assert_eq!(
         FlankWear::from_table_csv(&pair, "gear,radius_mm,depth_um\n1,70,5\n").unwrap().driving_turns(),

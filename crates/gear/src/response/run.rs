@@ -165,8 +165,8 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         end
     }
 
-    /// Performs a step of the lanes in `cut` (bits) from a phase and time on, each cut where its own pieces of
-    /// the mesh period end. The states of other lanes remain as they are.
+    /// Performs a step of the lanes in `cut` (bits) from a phase and time on, each cut where its own pieces
+    /// of the mesh period end. The states of other lanes remain as they are.
     fn cut_step(
         &mut self,
         cut: u32,

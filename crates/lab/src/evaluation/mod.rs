@@ -24,7 +24,7 @@ pub use leave_one_out::leave_one_out;
 pub use recorded::{
     Answer, HindsightScore, RecordedRun, RunOptions, RunScore, follow, follow_together, look_back, score_run,
 };
-pub use run::{Observation, RunShape, observe, observe_many};
+pub use run::{Observation, RunShape, observe};
 pub use score::{NOMINAL, Score};
 pub use single_indicators::{SingleIndicators, single_indicators};
 

@@ -3,15 +3,12 @@
 use jiff::Timestamp;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::bank::Bank;
 use super::fault::Fault;
 use super::sensor::{Kernel, Sensor};
-use flankwatch_signal::{
-    AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, OtherMeshes, Record,
-};
+use flankwatch_signal::{AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, Record};
 use flankwatch_wear::simulation::TransmissionPath;
 
 /// Settings that the runs of one case share.
@@ -70,14 +67,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
     sensor.healthy_rms = rms(&bank.healthy[0].samples);
 
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
-    let mesh = MeshContext {
-        teeth: plan.pair.geometry.teeth[0],
-        mate_teeth: plan.pair.geometry.teeth[1],
-        nominal_shaft_speed_hz: plan.pair.operation.shaft_speed_hz,
-        tolerance: 0.05,
-        nominal_is_exact: false,
-        others: OtherMeshes::NONE,
-    };
+    let mesh = MeshContext::new(plan.pair.geometry.teeth, plan.pair.operation.shaft_speed_hz, 0.05);
     let mut reached_um: f64 = 0.0;
     (0..settings.drawn.min(settings.records))
         .map(|index| {
@@ -97,7 +87,6 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             let record = Record::new("1", Timestamp::UNIX_EPOCH, plan.sample_rate_hz, "m/s2", samples)
                 .and_then(|record| {
                     record.with_operating_point(OperatingPoint {
-                        shaft_speed_hz: None,
                         torque_nm: Some(vibration.torque_nm),
                         ..OperatingPoint::default()
                     })
@@ -108,15 +97,4 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             Observation { wear_um: vibration.wear_um, features: analysis.features, single }
         })
         .collect()
-}
-
-/// Returns several runs, computed in parallel, with seeds from `first_seed` on.
-pub fn observe_many(
-    bank: &Bank,
-    faulty: Option<&Bank>,
-    settings: &RunShape,
-    runs: usize,
-    first_seed: u64,
-) -> Vec<Vec<Observation>> {
-    (0..runs).into_par_iter().map(|run| observe(bank, faulty, settings, first_seed + run as u64)).collect()
 }

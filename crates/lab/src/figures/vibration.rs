@@ -1,15 +1,13 @@
 //! Figures 19 to 22: the vibration of the wear states.
 
-use jiff::Timestamp;
 use serde::Serialize;
 
 use super::check::Check;
 use super::trend::{range, spearman_with_order};
 use super::{FigureSettings, FiguresError};
 use flankwatch_gear::{FlankWear, GearPair, MeshCycle, RunSettings, simulate};
-use flankwatch_signal::{
-    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Spectrum,
-};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, Spectrum};
+use flankwatch_wear::library::response_record;
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
@@ -109,22 +107,8 @@ pub(super) fn state(
     let run = RunSettings::nominal(pair, settings.sample_rate_hz, settings.seconds);
     let signal = simulate(pair, &cycle, &run)?;
     let teeth = pair.gears[0].teeth;
-    let speed = OperatingPoint {
-        shaft_speed_hz: Some(run.shaft_speed_hz),
-        torque_nm: Some(run.torque_nm),
-        ..OperatingPoint::default()
-    };
-    let samples = signal.iter().map(|value| *value as f32).collect();
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?
-        .with_operating_point(speed)?;
-    let mesh = MeshContext {
-        teeth,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: run.shaft_speed_hz,
-        tolerance: 0.0,
-        nominal_is_exact: true,
-        others: OtherMeshes::NONE,
-    };
+    let record = response_record(&run, &signal)?;
+    let mesh = MeshContext::at_exact_speed([teeth, 0], run.shaft_speed_hz);
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let analysis = analyzer.analyze(&record, &mesh);
     let of =

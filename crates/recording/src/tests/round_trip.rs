@@ -10,11 +10,7 @@ use flankwatch_signal::{OperatingPoint, Quality};
 fn record(channel: &str, second: i64, samples: Vec<f32>) -> Record {
     Record::new(channel, Timestamp::from_second(second).unwrap(), 100.0, "m/s2", samples)
         .unwrap()
-        .with_operating_point(OperatingPoint {
-            shaft_speed_hz: Some(29.7),
-            torque_nm: None,
-            ..OperatingPoint::default()
-        })
+        .with_operating_point(OperatingPoint { shaft_speed_hz: Some(29.7), ..OperatingPoint::default() })
         .unwrap()
 }
 

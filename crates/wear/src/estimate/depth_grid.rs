@@ -64,8 +64,8 @@ impl DepthGrid {
 
     /// Returns the shortest interval in µm that has [`INTERVAL_PROBABILITY`], with at most [`MAX_TAIL`] on
     /// either side; among equally short ones that with equal tails. If it begins at 0, its end is the 95 %
-    /// quantile: little wear hides in a healthy machine's scatter, and the shortest interval would promise more
-    /// than is known.
+    /// quantile: little wear hides in a healthy machine's scatter, and the shortest interval would promise
+    /// more than is known.
     pub(super) fn interval_um(&self, probability: &[f64]) -> [f64; 2] {
         let tails = 1.0 - INTERVAL_PROBABILITY;
         let (least, most) = (tails - MAX_TAIL, MAX_TAIL);
@@ -76,7 +76,8 @@ impl DepthGrid {
             ]
         };
         let width = |[low, high]: [f64; 2]| high - low;
-        // The density is constant within a cell, so that one end of the shortest interval is the limit of one.
+        // The density is constant within a cell, so that one end of the shortest interval is the limit of
+        // one.
         let mut sum = 0.0;
         let limits = probability.iter().flat_map(|p| {
             sum += p;

@@ -116,8 +116,8 @@ fn max_drift_part(check: &str) -> f64 {
 /// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even
 /// and odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
 ///
-/// A line of the shaft counts as grown only as far as it has `risen` above the noise beside it: wear adds noise
-/// there too.
+/// A line of the shaft counts as grown only as far as it has `risen` above the noise beside it: wear adds
+/// noise there too.
 fn residual(check: &str, value: f64, expected: f64, risen: Option<f64>) -> f64 {
     let grown = value - expected;
     if grown <= 0.0 {

@@ -228,8 +228,8 @@ impl WearEstimate {
         self.status = WearStatus::Provisional;
     }
 
-    /// Adds the doubt about a given speed to the answer to a first record: it asks whether teeth and speed are
-    /// right before the baseline is complete.
+    /// Adds the doubt about a given speed to the answer to a first record: it asks whether teeth and speed
+    /// are right before the baseline is complete.
     pub(super) fn ask_about_speed(&mut self, features: &Features) {
         let is_early = matches!(self.status, WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary);
         if let Some(doubt) = features.given_speed_doubt.as_ref().filter(|_| is_early) {

@@ -18,8 +18,7 @@ use flankwatch_gear::{
     ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings,
 };
 use flankwatch_signal::{
-    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, PREPROCESSING, Record,
-    RecordError,
+    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Record, RecordError,
 };
 
 /// Positions of the mesh cycle that the dynamics use.
@@ -258,23 +257,20 @@ pub(super) fn analyze(
     run: &RunSettings,
     response: &[f64],
 ) -> Result<Analysis, RecordError> {
+    let mesh = MeshContext::at_exact_speed([teeth, 0], run.shaft_speed_hz);
+    Ok(analyzer.analyze(&response_record(run, response)?, &mesh))
+}
+
+/// Makes a record of a simulated response in m/s².
+pub fn response_record(run: &RunSettings, response: &[f64]) -> Result<Record, RecordError> {
     let samples = response.iter().map(|&a| a as f32).collect();
     let point = OperatingPoint {
         shaft_speed_hz: Some(run.shaft_speed_hz),
         torque_nm: Some(run.torque_nm),
         ..OperatingPoint::default()
     };
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?
-        .with_operating_point(point)?;
-    let mesh = MeshContext {
-        teeth,
-        mate_teeth: 0,
-        nominal_shaft_speed_hz: run.shaft_speed_hz,
-        tolerance: 0.0,
-        nominal_is_exact: true,
-        others: OtherMeshes::NONE,
-    };
-    Ok(analyzer.analyze(&record, &mesh))
+    Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?
+        .with_operating_point(point)
 }
 
 /// Assembles the parts, sorted by torque and first state.

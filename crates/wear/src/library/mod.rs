@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use build::{build, library_id};
+pub use build::{build, library_id, response_record};
 #[cfg(feature = "files")]
 pub use cache::{LibraryCache, build_into, save_library};
 #[cfg(feature = "files")]

@@ -142,7 +142,6 @@ impl Run {
             Record::new(plan.channel.clone(), self.start_time(index), plan.sample_rate_hz, "m/s2", samples)?;
         // The speed is not given, as on a machine without a tachometer.
         let record = record.with_operating_point(OperatingPoint {
-            shaft_speed_hz: None,
             torque_nm: Some(torque_nm),
             ..OperatingPoint::default()
         })?;

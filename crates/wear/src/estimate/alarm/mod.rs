@@ -14,6 +14,7 @@ mod panel;
 mod quantity;
 mod rate;
 mod rule;
+mod severity;
 #[cfg(test)]
 mod tests;
 
@@ -29,7 +30,8 @@ pub use change::{ActionTaken, AlarmAction, AlarmChange, AlarmReading, AlarmState
 pub use error::AlarmError;
 pub use panel::{AlarmPanel, PanelAction, PanelChange};
 pub use quantity::{AlarmQuantity, RatedQuantity};
-pub use rule::{AlarmRule, AlarmSettings, Severity};
+pub use rule::{AlarmRule, AlarmSettings};
+pub use severity::Severity;
 
 /// The alarm of one rule. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -93,8 +93,8 @@ fn healthy_channels_pass_a_level_no_more_often_than_stated() {
     }
 }
 
-/// 1.7 standard deviations on every channel: within ten records, all channels together flag more machines than
-/// the first channel does.
+/// 1.7 standard deviations on every channel: within ten records, all channels together flag more machines
+/// than the first channel does.
 #[test]
 fn a_small_deviation_on_each_channel_is_detected_jointly() {
     let (mut together, mut alone) = (0, 0);

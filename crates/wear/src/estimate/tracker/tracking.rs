@@ -40,7 +40,8 @@ const NEWEST_PART: f32 = 0.3;
 /// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
 
-/// Records in a row whose own best depth is greater than the interval before jumps of the wear count as likely.
+/// Records in a row whose own best depth is greater than the interval before jumps of the wear count as
+/// likely.
 const MIN_DEEPER: u8 = 3;
 
 /// A gap is an interval this many times as long as the mean interval between records.
