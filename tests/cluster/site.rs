@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use super::nodes::{Client, OneMachine, database};
 use super::postgres::PostgresServer;
 use super::processes::{NatsServer, Program};
-use super::proxy::Proxy;
+use crate::proxy::Proxy;
 use crate::running::{plain_asset, record};
 use crate::shared_store::TestDatabase;
 
