@@ -38,6 +38,9 @@ pub struct Workers {
     pool: rayon::ThreadPool,
     /// For short tasks that others wait for, so that they do not queue behind records.
     first: rayon::ThreadPool,
+    /// A single thread that reads records of streams: each thread that allocates such records keeps some of their
+    /// memory (glibc's arenas), and there are many threads for blocking work.
+    reader: rayon::ThreadPool,
     requests: Arc<Semaphore>,
     answers: Arc<Semaphore>,
     recordings: Arc<Semaphore>,
@@ -61,6 +64,7 @@ impl Workers {
         Ok(Self {
             pool: threads(limits.workers, "worker")?,
             first: threads(limits.workers, "first")?,
+            reader: threads(1, "reader")?,
             requests: Arc::new(Semaphore::new(limits.requests_at_once)),
             answers: Arc::new(Semaphore::new(limits.requests_at_once)),
             recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
@@ -97,6 +101,11 @@ impl Workers {
     pub fn queue(&self) -> (usize, usize) {
         let most = self.limits.requests_at_once;
         (most - self.requests.available_permits().min(most), most)
+    }
+
+    /// The number of worker threads.
+    pub(crate) fn threads(&self) -> usize {
+        self.limits.workers.max(1)
     }
 
     /// Runs `f` on a worker thread; `task` names it in the error if it panics.
@@ -143,6 +152,15 @@ impl Workers {
         f: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, ServiceError> {
         run_in(&self.first, task, f).await
+    }
+
+    /// Runs `f`, which reads a record of a stream from the disk, after the others that are being read.
+    pub(crate) async fn run_reading<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        run_in(&self.reader, task, f).await
     }
 }
 

@@ -137,7 +137,8 @@ impl StreamJournal {
     pub fn frames(&self, first: u64, frames: u64) -> Result<Option<Bytes>, StoreError> {
         let end = first + frames;
         let width = self.frame_bytes;
-        let mut found = BytesMut::new();
+        // Not grown piece by piece, which would take up to twice the memory.
+        let mut found = BytesMut::with_capacity(frames as usize * width);
         let mut next = first;
         for file in &self.files {
             if next == end || file.end.is_none_or(|end| end <= next) {

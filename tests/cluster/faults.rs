@@ -11,8 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use super::client::Client;
 use super::postgres::Stop;
 use super::processes::{Program, S3Server};
-use super::proxy::{Proxy, Wire};
 use super::site::{Site, Uploads, rounds};
+use crate::proxy::{Proxy, Wire};
 use crate::running::{plain_asset, record};
 
 fn random() -> ChaCha8Rng {

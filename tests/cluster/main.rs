@@ -14,11 +14,11 @@ mod mqtt_streams;
 mod nodes;
 mod postgres;
 mod processes;
-mod proxy;
 mod queue;
 mod resumable;
 mod same_bits;
 mod site;
+mod stream_faults;
 mod streams;
 mod tokens;
 mod upgrade;
@@ -37,6 +37,9 @@ mod event_stream;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/program.rs"]
 mod program;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/proxy.rs"]
+mod proxy;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/running.rs"]
 mod running;

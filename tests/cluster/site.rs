@@ -14,7 +14,7 @@ use super::client::Client;
 use super::nodes::{OneMachine, database};
 use super::postgres::PostgresServer;
 use super::processes::{NatsServer, Program};
-use super::proxy::Proxy;
+use crate::proxy::Proxy;
 use crate::running::{plain_asset, record};
 use crate::shared_store::TestDatabase;
 

@@ -12,6 +12,8 @@ mod streams;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/proxy.rs"]
+mod proxy;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/resumable_client.rs"]
 mod resumable_client;

@@ -185,3 +185,36 @@ fn a_campaign_keeps_everything_until_it_ends_and_is_exported() {
     let samples = again.iter().flat_map(|record| record.samples().to_vec());
     assert_eq!(samples.flat_map(f32::to_le_bytes).collect::<Vec<u8>>(), frames(20_000, 2_700, u64::MAX));
 }
+
+#[test]
+fn records_that_are_complete_at_once_are_in_memory_a_few_at_a_time() {
+    let service = Service::start_with(|config| config.work.workers = 1);
+    let mut asset = plain_asset("pump");
+    asset["stream"] = json!({ "record_s": 20, "interval_s": 20 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let length = 20 * RATE_HZ;
+    let open = |n: u64| {
+        let path = format!(
+            "/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&first_index=0&name=s{n}&channel_names=s{n}"
+        );
+        StreamSocket::open(&service.url(&path), &[]).unwrap()
+    };
+    let mut sockets: Vec<StreamSocket> = (0..12).map(open).collect();
+    sockets.iter_mut().for_each(|socket| send(socket, 0, length - 1, u64::MAX));
+    // The last sample of all records.
+    let time_ns = BEGIN_NS + ((length - 1) * 1_000_000_000 / RATE_HZ) as i64;
+    let last = frames(length - 1, 1, u64::MAX);
+    sockets.iter_mut().for_each(|socket| socket.send(length - 1, time_ns, &last));
+    let running = service.service();
+    let most = std::thread::scope(|scope| {
+        let stored = scope.spawn(|| {
+            service.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 12);
+        });
+        let mut most = 0;
+        while !stored.is_finished() {
+            most = most.max(running.workers.queue().0);
+        }
+        most
+    });
+    assert_eq!(most, 2, "records in memory, with one worker thread");
+}

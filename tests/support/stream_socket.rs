@@ -3,6 +3,9 @@
 use std::net::TcpStream;
 use std::time::Duration;
 
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{HandshakeError, Message, WebSocket};
@@ -68,6 +71,17 @@ impl StreamSocket {
         }
     }
 
+    /// Waits until everything before an index is acknowledged, without a gap; returns false if the connection is
+    /// lost.
+    pub(crate) fn try_wait_for(&mut self, next: u64, acknowledged: &mut u64) -> bool {
+        while *acknowledged < next {
+            let Ok(message) = self.receive() else { return false };
+            assert_eq!(message["type"], "ack");
+            *acknowledged = message["next"].as_u64().unwrap();
+        }
+        true
+    }
+
     /// Waits until everything before an index is acknowledged; returns the reported gaps.
     pub(crate) fn wait_for(&mut self, next: u64) -> Vec<[u64; 2]> {
         let mut gaps = Vec::new();
@@ -93,4 +107,63 @@ pub(crate) fn frames(first: u64, count: u64, loud_from: u64) -> Vec<u8> {
         (noise as f32 / 1000.0 - 1.0) * factor
     };
     (first..first + count).map(value).flat_map(f32::to_le_bytes).collect()
+}
+
+/// Cuts samples into chunks in random order, some of them repeated or overlapping. Returns the first index and
+/// the number of samples of each.
+pub(crate) fn shuffled(from: u64, until: u64, random: &mut ChaCha8Rng) -> Vec<(u64, u64)> {
+    let (mut chunks, mut first) = (Vec::new(), from);
+    while first < until {
+        let count = random.random_range(1..1000).min(until - first);
+        chunks.push((first, count));
+        if random.random_bool(0.3) {
+            let back = random.random_range(0..200).min(first);
+            chunks.push((first - back, count));
+        }
+        first += count;
+    }
+    chunks.shuffle(random);
+    chunks
+}
+
+/// A sender's clock: its crystal deviates from that of the samples, and it is set now and then.
+pub(crate) struct SenderClock {
+    begin_ns: i64,
+    sample_rate_hz: f64,
+    /// Offsets in nanoseconds, each from an index on.
+    offsets: Vec<(u64, i64)>,
+}
+
+impl SenderClock {
+    /// Relative excess of the sampling rate over the nominal one.
+    const DRIFT: f64 = 5e-5;
+
+    pub(crate) fn new(begin_ns: i64, sample_rate_hz: f64) -> Self {
+        Self { begin_ns, sample_rate_hz, offsets: Vec::new() }
+    }
+
+    /// Sets the clock at a sample: a second to an hour forward, or back.
+    pub(crate) fn jump(&mut self, index: u64, random: &mut ChaCha8Rng) {
+        let before_ns = self.offsets.last().map_or(0, |(_, offset_ns)| *offset_ns);
+        let by_ns = random.random_range(1_000_000_000..3_600_000_000_000);
+        let by_ns = if before_ns > 0 { -by_ns } else { by_ns };
+        self.offsets.push((index, before_ns + by_ns));
+    }
+
+    /// The number of jumps.
+    pub(crate) fn jumps(&self) -> usize {
+        self.offsets.len()
+    }
+
+    /// The time of a sample by this clock.
+    pub(crate) fn time_ns(&self, index: u64) -> i64 {
+        let offset = self.offsets.iter().rfind(|(from, _)| *from <= index);
+        self.true_ns(index) + offset.map_or(0, |(_, offset_ns)| *offset_ns)
+    }
+
+    /// The time of a sample if the clock were never set.
+    pub(crate) fn true_ns(&self, index: u64) -> i64 {
+        let seconds = index as f64 / (self.sample_rate_hz * (1.0 + Self::DRIFT));
+        self.begin_ns + (seconds * 1e9).round() as i64
+    }
 }

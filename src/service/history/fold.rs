@@ -17,8 +17,11 @@ use crate::store::{
     StoreError, StoredFeatures,
 };
 
-/// Latest states held in memory: records of parallel connections arrive nearly in order.
-const RECENT: usize = 16;
+/// Records whose states are held in memory: records of parallel connections arrive nearly in order.
+const RECENT: u64 = 16;
+
+/// The states of this many newest records are all held, before them that of each `DENSE`th record.
+const DENSE: u64 = 4;
 
 /// The input of the fold for one record.
 #[derive(Debug, Clone)]
@@ -163,9 +166,11 @@ impl RecentPoints {
             self.points.pop_back();
         }
         self.points.extend(points);
-        while self.points.len() > RECENT {
-            self.points.pop_front();
-        }
+        let newest = self.points.back().map_or(0, |point| point.position);
+        self.points.retain(|point| {
+            let age = newest - point.position;
+            age < DENSE || age < RECENT && point.position.is_multiple_of(DENSE)
+        });
     }
 }
 
@@ -223,7 +228,7 @@ fn fold(
         position += 1;
         last_time = Some(start_time);
         alarms.add(2 * position, result.changes);
-        if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT as u64 > last {
+        if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT > last {
             points.push(FoldPoint { last: key.clone(), position, state: state.clone() });
         }
         let result = RunResult { indicators: result.indicators, wear: result.wear };
@@ -253,4 +258,37 @@ pub(crate) fn while_recomputing(need: u32) -> RunResult {
     let baseline = BaselineProgress { have: 0, need };
     let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline);
     RunResult { indicators: Indicators::default(), wear }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::asset::SegmentId;
+    use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
+
+    fn key(second: u64) -> SegmentKey {
+        let start_time = Timestamp::from_second(second as i64).unwrap();
+        SegmentKey { start_time, id: SegmentId(format!("{second:03}")) }
+    }
+
+    #[test]
+    fn recent_states_are_few_and_close_to_any_late_record() {
+        let settings = EstimatorSettings { baseline_records: 8, limit_um: None };
+        let estimator = ChannelEstimator::without_library(settings, MissingLibrary::NoMesh, Vec::new());
+        let point = |position| FoldPoint { last: key(position), position, state: estimator.start() };
+        for step in [1, 3, 40] {
+            let mut recent = RecentPoints::default();
+            for first in (1..=40).step_by(step) {
+                let until = (first + step as u64 - 1).min(40);
+                recent.replace(first - 1, (first..=until).map(point).collect());
+            }
+            let held: Vec<u64> = recent.points.iter().map(|point| point.position).collect();
+            assert_eq!(held, [28, 32, 36, 37, 38, 39, 40], "{step} at once");
+            let before = |second| recent.before(&key(second)).map(|point| point.position);
+            assert_eq!([40, 39, 36, 33].map(before), [Some(39), Some(38), Some(32), Some(32)]);
+            assert_eq!(before(28), None);
+        }
+    }
 }

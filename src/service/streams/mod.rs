@@ -30,7 +30,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, watch};
 
 use super::clock::Clock;
 use super::error::ServiceError;
@@ -71,6 +71,9 @@ pub struct Streams {
     /// Alarms.
     events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
+    /// Records that may be in memory at once, from the journal to the commit: as many as keep the worker threads
+    /// busy. The records of streams that began together are all complete at the same time.
+    records_at_once: Semaphore,
     is_over: watch::Sender<bool>,
 }
 
@@ -121,7 +124,9 @@ impl Streams {
             StreamPlaces::Folder { disk: store.disk(), folder }
         };
         let is_over = watch::Sender::new(false);
-        Arc::new(Self { store, workers, pipeline, clock, places, events, all: Mutex::default(), is_over })
+        let records_at_once = Semaphore::new(workers.threads() + 1);
+        let all = Mutex::default();
+        Arc::new(Self { store, workers, pipeline, clock, places, events, all, records_at_once, is_over })
     }
 
     /// Opens a stream for sending, a new one or an existing one. A previous sender is notified that it has

@@ -79,8 +79,18 @@ impl Streams {
 
     /// Stores the next record.
     async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<Attempt, ServiceError> {
+        let _turn = self.records_at_once.acquire().await;
+        if *self.is_over.borrow() {
+            return Ok(Attempt::NonePending);
+        }
         let reader = Arc::clone(stream);
-        let record = match blocking("read a stream", move || reader.next_cut()).await? {
+        let read = move || reader.next_cut();
+        let next = match self.places.shared() {
+            // Not one by one: a database is slower than a disk.
+            Some(_) => blocking("read a stream", read).await,
+            None => self.workers.run_reading("read a stream", read).await,
+        };
+        let record = match next? {
             Ok(NextCut::Record(record)) => *record,
             Ok(NextCut::Elsewhere) => return Ok(Attempt::Elsewhere),
             // It was removed in the meantime.

@@ -1,5 +1,7 @@
 //! The healthy records of one measuring channel, as they are saved in the state.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use super::comparability::Comparability;
@@ -50,9 +52,9 @@ pub(super) struct Baseline {
 
 impl Baseline {
     /// Creates a baseline from these records; features that any of them lacks are excluded.
-    pub(super) fn of(records: &[Features]) -> Self {
+    pub(super) fn of(records: &[Arc<Features>]) -> Self {
         let stride = records.len().div_ceil(MAX_RECORDS).max(1);
-        let records: Vec<&Features> = records.iter().step_by(stride).collect();
+        let records: Vec<&Features> = records.iter().step_by(stride).map(Arc::as_ref).collect();
         let is_line = |name: &&String| {
             ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind))
         };
@@ -100,10 +102,10 @@ impl Baseline {
 mod tests {
     use super::*;
 
-    fn features(pairs: &[(&str, f64)], background: &[(&str, f64)]) -> Features {
+    fn features(pairs: &[(&str, f64)], background: &[(&str, f64)]) -> Arc<Features> {
         let map =
             |pairs: &[(&str, f64)]| pairs.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
-        Features { values: map(pairs), background: map(background), ..Features::default() }
+        Arc::new(Features { values: map(pairs), background: map(background), ..Features::default() })
     }
 
     #[test]
@@ -123,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_long_baseline_is_thinned_evenly() {
-        let records: Vec<Features> =
+        let records: Vec<Arc<Features>> =
             (0..100).map(|i| features(&[("ln_mesh_1", f64::from(i))], &[])).collect();
         let baseline = Baseline::of(&records);
         assert_eq!(baseline.points.len(), 34);

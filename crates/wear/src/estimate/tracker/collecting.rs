@@ -1,5 +1,7 @@
 //! Collecting the healthy baseline.
 
+use std::sync::Arc;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -28,7 +30,8 @@ const MAX_CHOSEN: usize = 10_000;
 /// The records collected for a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Collecting {
-    records: Vec<Features>,
+    /// Shared with the states before and after it.
+    records: Vec<Arc<Features>>,
     start: Option<Timestamp>,
     carried: Option<Carried>,
     #[serde(default)]
@@ -41,7 +44,7 @@ pub(super) struct Collecting {
 /// Records without a mesh line, collected before enough records with one make a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Meshless {
-    records: Vec<Features>,
+    records: Vec<Arc<Features>>,
     #[serde(rename = "charts")]
     cusums: Cusums,
     #[serde(skip)]
@@ -76,6 +79,12 @@ impl Collecting {
     /// Number of records collected.
     pub(super) fn have(&self) -> u32 {
         self.records.len() as u32
+    }
+
+    /// The records collected.
+    #[cfg(test)]
+    pub(super) fn records(&self) -> &[Arc<Features>] {
+        &self.records
     }
 
     /// Takes the filter that is carried over to the baseline.
@@ -129,7 +138,7 @@ impl Tracker {
         collecting.start.get_or_insert(at);
         if let Some(chosen) = &mut collecting.chosen {
             if collecting.records.len() < MAX_CHOSEN {
-                collecting.records.push(features.clone());
+                collecting.records.push(Arc::new(features.clone()));
                 chosen.latest = Some(at);
             }
             let have = collecting.records.len();
@@ -138,9 +147,9 @@ impl Tracker {
             let have = (have as u32).min(need);
             return (self.without_depth(WearStatus::CollectingBaseline, have, &reason), None);
         }
-        collecting.records.push(features.clone());
+        collecting.records.push(Arc::new(features.clone()));
         // Records too short to separate lines from sidebands need a baseline of their own.
-        let alike = |record: &Features| can_share_baseline(record, features);
+        let alike = |record: &Arc<Features>| can_share_baseline(record, features);
         let have = collecting.records.iter().filter(|record| alike(record)).count() as u32;
         let tracking = (have >= need).then(|| {
             collecting.records.retain(alike);
@@ -181,7 +190,7 @@ impl Tracker {
             let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), context, cusums);
             self.apply_novelty(&mut answer, novelty, features);
         } else if usable {
-            meshless.records.push(features.clone());
+            meshless.records.push(Arc::new(features.clone()));
         }
         answer
     }

@@ -312,6 +312,37 @@ fn lines_in_the_noise_give_novelty_but_no_depth() {
     assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
 }
 
+/// A service keeps several states of each channel in memory.
+#[test]
+fn states_of_a_channel_share_their_baseline() {
+    let library = Arc::new(synthetic_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(16);
+    let mut state = tracker.start();
+    let mut states = Vec::new();
+    for _ in 0..NEED + 3 {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+        states.push(state.clone());
+    }
+    let (collecting, tracking) = states.split_at(NEED as usize - 1);
+    let last: &[Arc<Features>] = match &collecting[collecting.len() - 1].0 {
+        Stage::Collecting(collecting) => collecting.records(),
+        Stage::Tracking(_) => panic!("the baseline is not complete"),
+    };
+    for (n, record) in last.iter().enumerate() {
+        assert_eq!(Arc::strong_count(record), collecting.len() - n, "record {n} is in each later state once");
+    }
+    let baselines: Vec<_> = tracking
+        .iter()
+        .map(|state| match &state.0 {
+            Stage::Tracking(tracking) => tracking.baseline(),
+            Stage::Collecting(_) => panic!("the baseline is complete"),
+        })
+        .collect();
+    assert_eq!(baselines.len(), 4);
+    assert!(baselines.iter().all(|baseline| Arc::ptr_eq(baseline, baselines[0])));
+}
+
 #[test]
 fn an_unexplained_record_leaves_the_filter_unchanged() {
     let library = Arc::new(synthetic_library());

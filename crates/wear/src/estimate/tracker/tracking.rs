@@ -59,7 +59,8 @@ const LIKE_LOAD: &str = "a change of load may be the cause instead: the lines mo
 /// State of a channel after its baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tracking {
-    baseline: Baseline,
+    /// Shared with the states after it.
+    baseline: Arc<Baseline>,
     /// Unit of growth: mean time between two records of the baseline, in seconds.
     unit_s: f64,
     /// Time of the newest record that updated the filter.
@@ -93,6 +94,11 @@ pub(super) struct Tracking {
 }
 
 impl Tracking {
+    #[cfg(test)]
+    pub(super) fn baseline(&self) -> &Arc<Baseline> {
+        &self.baseline
+    }
+
     /// Returns the units of growth from one time to another.
     fn units(&self, from: Timestamp, to: Timestamp) -> f64 {
         if self.unit_s > 0.0 {
@@ -148,7 +154,7 @@ impl Tracker {
     /// Starts tracking after a baseline of these records, which began at `began` and ended at `ended`.
     pub(super) fn start_tracking(
         &self,
-        records: &[Features],
+        records: &[Arc<Features>],
         began: Timestamp,
         ended: Timestamp,
         carried: Option<Filter>,
@@ -158,7 +164,7 @@ impl Tracker {
         let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
         let filter = carried.filter(|filter| filter.fits(members, self.variants()));
         Tracking {
-            baseline: Baseline::of(records),
+            baseline: Arc::new(Baseline::of(records)),
             unit_s,
             newest: ended,
             seen: ended,
