@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
-use super::nodes::Client;
+use super::client::Client;
 use super::processes::Program;
 use super::site::{Site, rounds};
 use crate::proxy::{End, Proxy};
