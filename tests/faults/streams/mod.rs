@@ -115,13 +115,13 @@ fn every_acknowledged_sample_is_stored_once_despite_faults_and_repeated_chunks()
         if random.random_bool(0.25) {
             clock.jump(next, &mut random);
         }
-        let (mut sent, mut is_open) = (next, true);
+        let mut sent = next;
         // Some chunks are acknowledged, some are in flight.
         for _ in 0..random.random_range(1..12) {
             let until = sent + random.random_range(1..3000);
             let mut send =
                 |(first, count)| socket.try_send(first, clock.time_ns(first), &frames(first, count));
-            is_open = shuffled(sent, until, &mut random).into_iter().all(&mut send);
+            let mut is_open = shuffled(sent, until, &mut random).into_iter().all(&mut send);
             sent = until;
             if fault == Fault::HalfOpen && (sent - next) * 8 > bytes as u64 {
                 break;
@@ -166,8 +166,8 @@ fn every_acknowledged_sample_is_stored_once_despite_faults_and_repeated_chunks()
     assert!(rests > 0 && cut_in_a_round > 0, "no fault came in the middle: {rests}, {cut_in_a_round}");
     eprintln!(
         "{} rounds of each of {FAULTS:?}: {end} samples in {records} records; {cut_in_a_round} links cut \
-         while sending, {rests} rounds with stored samples that were not acknowledged; the clock jumped {} times, \
-         {} of them noticed",
+         while sending, {rests} rounds with stored samples that were not acknowledged; the clock jumped {} \
+         times, {} of them noticed",
         rounds(),
         clock.jumps(),
         status["clock_jumps"]
