@@ -2,11 +2,11 @@
 //! `cargo bench --bench streams -- [seconds] [streams] [seconds at full speed]`.
 //!
 //! 16 streams, by default, of 4 channels of 32-bit floats at 25.6 kHz, each of its own asset; 10 s of each
-//! minute become records and are analysed. First in real time, for 60 s by default; then as fast as the service
-//! accepts them, by default for half as long. At the end every record must be where the policy of the asset
-//! says, with the samples that were sent.
-//! `FLANKWATCH_BENCH_PROGRAM` selects another binary than the one built. `FLANKWATCH_BENCH_CONFIG` is the
-//! settings file of a cluster, one of whose nodes is then measured.
+//! minute become records and are analysed. First in real time, for 60 s by default; then as fast as the
+//! service accepts them, by default for half as long. At the end every record must be where the policy of the
+//! asset says, with the samples that were sent. `FLANKWATCH_BENCH_PROGRAM` selects another binary than the
+//! one built. `FLANKWATCH_BENCH_CONFIG` is the settings file of a cluster, one of whose nodes is then
+//! measured.
 
 #[expect(dead_code, reason = "other benches use more of it")]
 mod driven;
@@ -92,8 +92,8 @@ fn stop(mut service: Service) {
     service.child.wait().expect("it ends");
 }
 
-/// Checks that the records of a stream are those of the policy, with the samples that were sent. Returns their
-/// number; those of all channels count as one.
+/// Checks that the records of a stream are those of the policy, with the samples that were sent. Returns
+/// their number; those of all channels count as one.
 fn check_records(service: &Service, n: usize, sender: &Sender) -> u64 {
     let path = format!("/v1/assets/asset-{n}/stream");
     while service.get(&path)["records_waiting"] != 0 {
@@ -162,8 +162,8 @@ impl Sender {
         sender
     }
 
-    /// The samples of a message from an index on: noise, after the number of the message. So no record has the
-    /// samples of another one.
+    /// The samples of a message from an index on: noise, after the number of the message. So no record has
+    /// the samples of another one.
     fn samples(&self, first: u64) -> Vec<u8> {
         let number = (first / FRAMES) as f32;
         [&number.to_le_bytes(), &self.noise[4..]].concat()
@@ -188,8 +188,8 @@ impl Sender {
     }
 }
 
-/// Sends for a number of seconds and prints the cost, with the memory after each tenth of the time. Returns how
-/// many times faster than real time it was, and the processor seconds of the service in a second.
+/// Sends for a number of seconds and prints the cost, with the memory after each tenth of the time. Returns
+/// how many times faster than real time it was, and the processor seconds of the service in a second.
 fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_paced: bool) -> (f64, f64) {
     let resident_before = service.memory_mb("VmRSS");
     let (_, user_before, system_before) = service.used();
@@ -237,8 +237,8 @@ fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_p
     resident.push(format!("{:.0}", service.memory_mb("VmRSS")));
     println!(
         "{what}: {took:.1} s, {mb_per_s:.2} MB/s, {times:.2} times real time; {cores:.2} s of CPU a second \
-         ({:.2} of the system); resident {resident_before:.0} MB before, {} MB after each tenth; longest wait for \
-         a response {:.0} ms",
+         ({:.2} of the system); resident {resident_before:.0} MB before, {} MB after each tenth; longest \
+         wait for a response {:.0} ms",
         (system - system_before) / took,
         resident.join(", "),
         longest_us.into_inner() as f64 / 1e3,

@@ -38,8 +38,8 @@ pub struct Workers {
     pool: rayon::ThreadPool,
     /// For short tasks that others wait for, so that they do not queue behind records.
     first: rayon::ThreadPool,
-    /// A single thread that reads records of streams: each thread that allocates such records keeps some of their
-    /// memory (glibc's arenas), and there are many threads for blocking work.
+    /// A single thread that reads records of streams: each thread that allocates such records keeps some of
+    /// their memory (glibc's arenas), and there are many threads for blocking work.
     reader: rayon::ThreadPool,
     requests: Arc<Semaphore>,
     answers: Arc<Semaphore>,

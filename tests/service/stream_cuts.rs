@@ -194,9 +194,8 @@ fn records_that_are_complete_at_once_are_in_memory_a_few_at_a_time() {
     service.post_json("/v1/assets", &asset).expect(201);
     let length = 20 * RATE_HZ;
     let open = |n: u64| {
-        let path = format!(
-            "/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&first_index=0&name=s{n}&channel_names=s{n}"
-        );
+        let format = format!("sample=f32&sample_rate_hz={RATE_HZ}&channel_names=s{n}");
+        let path = format!("/v1/assets/pump/stream?{format}&name=s{n}&first_index=0");
         StreamSocket::open(&service.url(&path), &[]).unwrap()
     };
     let mut sockets: Vec<StreamSocket> = (0..12).map(open).collect();

@@ -71,8 +71,8 @@ impl StreamSocket {
         }
     }
 
-    /// Waits until everything before an index is acknowledged, without a gap; returns false if the connection is
-    /// lost.
+    /// Waits until everything before an index is acknowledged, without a gap; returns false if the connection
+    /// is lost.
     pub(crate) fn try_wait_for(&mut self, next: u64, acknowledged: &mut u64) -> bool {
         while *acknowledged < next {
             let Ok(message) = self.receive() else { return false };
@@ -109,8 +109,8 @@ pub(crate) fn frames(first: u64, count: u64, loud_from: u64) -> Vec<u8> {
     (first..first + count).map(value).flat_map(f32::to_le_bytes).collect()
 }
 
-/// Cuts samples into chunks in random order, some of them repeated or overlapping. Returns the first index and
-/// the number of samples of each.
+/// Cuts samples into chunks in random order, some of them repeated or overlapping. Returns the first index
+/// and the number of samples of each.
 pub(crate) fn shuffled(from: u64, until: u64, random: &mut ChaCha8Rng) -> Vec<(u64, u64)> {
     let (mut chunks, mut first) = (Vec::new(), from);
     while first < until {

@@ -60,7 +60,7 @@ pub enum NotComputed {
 /// | `bearing_…_to_background` | for the same lines: root mean square of the ratios of amplitude to noise amplitude in one bin; about 1 in noise | none |
 /// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
 ///
-/// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x
+/// Over the angle of the driving shaft, by [`Analyzer::condition`](super::Analyzer::condition): x
 /// is the synchronous average over at least 4 turns, its mean removed, g its regular signal (shaft orders 1
 /// and 2, all mesh harmonics), r = x − g the residual, d the difference (r without the first-order sidebands
 /// of every mesh harmonic), z the number of teeth, A(k) the amplitude of x at shaft order k.

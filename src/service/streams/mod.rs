@@ -71,8 +71,8 @@ pub struct Streams {
     /// Alarms.
     events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
-    /// Records that may be in memory at once, from the journal to the commit: as many as keep the worker threads
-    /// busy. The records of streams that began together are all complete at the same time.
+    /// Records that may be in memory at once, from the journal to the commit: as many as keep the worker
+    /// threads busy. The records of streams that began together are all complete at the same time.
     records_at_once: Semaphore,
     is_over: watch::Sender<bool>,
 }

@@ -166,8 +166,8 @@ fn every_acknowledged_sample_is_stored_once_despite_faults_and_repeated_chunks()
     assert!(rests > 0 && cut_in_a_round > 0, "no fault came in the middle: {rests}, {cut_in_a_round}");
     eprintln!(
         "{} rounds of each of {FAULTS:?}: {end} samples in {records} records; {cut_in_a_round} links cut \
-         while sending, {rests} rounds with stored samples that were not acknowledged; the clock jumped {} times, \
-         {} of them noticed",
+         while sending, {rests} rounds with stored samples that were not acknowledged; the clock jumped {} \
+         times, {} of them noticed",
         rounds(),
         clock.jumps(),
         status["clock_jumps"]
