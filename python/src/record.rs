@@ -2,9 +2,7 @@
 
 use std::cell::RefCell;
 
-use flankwatch_signal::{
-    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, RecordOf, Tachometer,
-};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, RecordOf, Tachometer};
 use jiff::Timestamp;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
