@@ -40,64 +40,71 @@ pub struct FoundDamage {
 /// The known damage of a database; none by default.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Damage {
-    found: Arc<Mutex<Option<String>>>,
+    known: Arc<Mutex<Option<KnownDamage>>>,
+}
+
+#[derive(Debug)]
+struct KnownDamage {
+    what: String,
+    is_confirmed: bool,
 }
 
 impl Damage {
     pub(super) fn get(&self) -> Option<String> {
-        self.found().clone()
+        self.known().as_ref().map(|known| known.what.clone())
     }
 
-    fn found(&self) -> MutexGuard<'_, Option<String>> {
-        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+    fn known(&self) -> MutexGuard<'_, Option<KnownDamage>> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records damage, unless some is known already. Returns whether this is the first.
-    fn set(&self, what: &str) -> bool {
-        let mut found = self.found();
-        let is_first = found.is_none();
-        found.get_or_insert_with(|| what.to_owned());
-        is_first
-    }
-
+    /// Records damage that needs no check. It replaces damage that is being checked.
     pub(super) fn note(&self, what: &str) {
-        if self.set(what) {
-            report(what);
+        let mut known = self.known();
+        if known.as_ref().is_some_and(|known| known.is_confirmed) {
+            return;
         }
+        tracing::error!(
+            what,
+            "the database is damaged: stopped writing to it; repair it with `flankwatch restore` or `flankwatch rebuild`"
+        );
+        *known = Some(KnownDamage { what: what.to_owned(), is_confirmed: true });
     }
 
     /// Stops writing until a check of the whole database, in the background, shows whether it is damaged.
     /// SQLite can also report damage when the disk has failed to read or write a page.
     pub(super) fn note_until_checked(&self, what: &str, path: PathBuf) {
-        if !self.set(what) {
+        let mut known = self.known();
+        if known.is_some() {
             return;
         }
+        *known = Some(KnownDamage { what: what.to_owned(), is_confirmed: false });
         tracing::warn!(what, "SQLite reports a damaged database: stopped writing to it until it is checked");
-        let damage = self.clone();
+        let (damage, what) = (self.clone(), what.to_owned());
         tokio::spawn(async move {
-            let mut confirmations = 0;
-            while confirmations < CONFIRMING_CHECKS {
-                match findings_of(&path).await {
-                    Ok(found) if found.is_empty() => {
-                        tracing::info!("the check of the database found no damage: writing to it again");
-                        *damage.found() = None;
-                        return;
-                    }
-                    Ok(_) => confirmations += 1,
-                    Err(error) => tracing::warn!(%error, "failed to check the database"),
-                }
-                tokio::time::sleep(CHECK_INTERVAL).await;
+            if is_damaged(&path).await {
+                damage.note(&what);
+            } else if damage.known().take_if(|known| !known.is_confirmed).is_some() {
+                tracing::info!("the check of the database found no damage: writing to it again");
             }
-            report(&damage.get().unwrap_or_default());
         });
     }
 }
 
-fn report(what: &str) {
-    tracing::error!(
-        what,
-        "the database is damaged: stopped writing to it; repair it with `flankwatch restore` or `flankwatch rebuild`"
-    );
+/// Checks a whole database until a check finds nothing, or several have found damage.
+async fn is_damaged(path: &Path) -> bool {
+    let mut confirmations = 0;
+    loop {
+        match findings_of(path).await {
+            Ok(found) if found.is_empty() => return false,
+            Ok(_) => confirmations += 1,
+            Err(error) => tracing::warn!(%error, "failed to check the database"),
+        }
+        if confirmations == CONFIRMING_CHECKS {
+            return true;
+        }
+        tokio::time::sleep(CHECK_INTERVAL).await;
+    }
 }
 
 /// Returns an error if a file is not an SQLite database at all.
@@ -188,10 +195,10 @@ mod tests {
     use super::super::database::Database;
     use super::*;
 
-    /// Waits until a condition holds.
-    async fn until(is_so: impl Fn() -> bool) {
+    /// Waits until the known damage is as wanted.
+    async fn until(damage: &Damage, is_so: impl Fn(&Option<KnownDamage>) -> bool) {
         tokio::time::timeout(Duration::from_secs(60), async {
-            while !is_so() {
+            while !is_so(&damage.known()) {
                 tokio::time::sleep(Duration::from_millis(10)).await;
             }
         })
@@ -207,7 +214,7 @@ mod tests {
         let Database { damage, .. } = &database;
         damage.note_until_checked("a page that the disk did not read", path.clone());
         assert!(damage.get().is_some(), "nothing is written during the check");
-        until(|| damage.get().is_none()).await;
+        until(damage, Option::is_none).await;
 
         database.close().await;
         // The kind of every page but the first.
@@ -216,15 +223,22 @@ mod tests {
             bytes[page] = 0xff;
         }
         std::fs::write(&path, bytes).unwrap();
-        damage.note_until_checked("a damaged page", path.clone());
-        let checks = Duration::from_secs(2) + CHECK_INTERVAL * CONFIRMING_CHECKS;
-        tokio::time::sleep(checks).await;
-        assert_eq!(damage.get().as_deref(), Some("a damaged page"));
-
-        // A value that cannot be read is no matter of the pages.
-        let damage = Damage::default();
-        damage.note("no such table");
         damage.note_until_checked("a damaged page", path);
-        assert_eq!(damage.get().as_deref(), Some("no such table"));
+        until(damage, |known| known.as_ref().is_some_and(|known| known.is_confirmed)).await;
+        assert_eq!(damage.get().as_deref(), Some("a damaged page"));
+    }
+
+    #[tokio::test]
+    async fn damage_of_a_value_stays_when_the_pages_are_intact() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = Database::open_folder(folder.path()).await.unwrap();
+        let Database { damage, path, .. } = &database;
+        damage.note_until_checked("a page that the disk did not read", path.clone().unwrap());
+        damage.note("a value that cannot be read");
+        // The check ends and drops its handle.
+        while Arc::strong_count(&damage.known) > 1 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        assert_eq!(damage.get().as_deref(), Some("a value that cannot be read"));
     }
 }

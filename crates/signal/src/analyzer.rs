@@ -96,11 +96,6 @@ impl Analyzer {
         analysis
     }
 
-    /// Finds the shaft speed of a record, as [`analyze`](Self::analyze) does; `None` if it is not known.
-    pub fn shaft_speed(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> Option<ShaftSpeed> {
-        self.locate(record, mesh).1.speed
-    }
-
     /// Transforms a record and locates the mesh comb in its spectrum.
     pub(super) fn locate(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> (Moments, LocatedMesh) {
         let work = &mut self.work;
@@ -229,6 +224,22 @@ impl Analyzer {
     /// Returns the Hann amplitude spectrum of a record with its mean removed.
     pub fn amplitude_spectrum(&mut self, record: &RecordOf<'_>) -> Spectrum {
         self.work.transform(record);
+        self.transformed_spectrum(record)
+    }
+
+    /// Returns the Hann amplitude spectrum of a record with its mean removed, and the shaft speed that
+    /// [`analyze`](Self::analyze) finds; `None` if it is not known.
+    pub fn spectrum_and_speed(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+    ) -> (Spectrum, Option<ShaftSpeed>) {
+        let (_, located) = self.locate(record, mesh);
+        (self.transformed_spectrum(record), located.speed)
+    }
+
+    /// Returns the spectrum of the record that was transformed last.
+    fn transformed_spectrum(&mut self, record: &RecordOf<'_>) -> Spectrum {
         let spectrum =
             Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
         self.release_large_buffers(record);

@@ -19,9 +19,6 @@ use crate::store::StoreError;
 /// Time between two frames.
 const INTERVAL: Duration = Duration::from_millis(125);
 
-/// Time between two looks at what another process received.
-const SHARED_INTERVAL: Duration = Duration::from_millis(200);
-
 /// Interval at which the asset's description is read again.
 const DESCRIPTION_INTERVAL: Duration = Duration::from_secs(2);
 
@@ -167,7 +164,6 @@ impl FrameProducer {
 
     async fn run(mut self) {
         let (mut over, mut next) = (self.streams.follow_end(), self.stream.follow_next());
-        let mut looked_at: Option<Instant> = None;
         let mut ticks = tokio::time::interval(INTERVAL);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -183,11 +179,8 @@ impl FrameProducer {
                 break;
             }
             let mut now = *next.borrow_and_update();
-            if now == self.seen_next
-                && self.stream.place.is_shared()
-                && looked_at.is_none_or(|looked_at| looked_at.elapsed() >= SHARED_INTERVAL)
-            {
-                looked_at = Some(Instant::now());
+            // Another process may have received samples.
+            if now == self.seen_next && self.stream.place.is_shared() {
                 let stream = Arc::clone(&self.stream);
                 // An error is found again by the next frame.
                 let _ = blocking("read a stream", move || stream.with_stored(|_| Ok(()))).await;

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::asset::AssetSpec;
 use crate::recording::stream::StreamFormat;
 use crate::service::workers::with_analyzer;
-use crate::signal::{OperatingPoint, Record, SpeedSource, reduction};
+use crate::signal::{MeshContext, OperatingPoint, Record, ShaftSpeed, SpeedSource, reduction};
 
 /// Seconds of samples for a spectrum, and the minimum and maximum number of samples of a channel.
 const SPECTRUM_S: f64 = 1.0;
@@ -124,11 +124,12 @@ impl LatestSamples {
             mesh_frequency_hz: None,
             channels: Vec::with_capacity(channels),
         };
+        let mesh = asset.mesh_context();
         let all: Vec<f32> = self.format.values(&self.bytes).collect();
         for n in 0..channels {
             let values: Vec<f32> = all.iter().skip(n).step_by(channels).copied().collect();
             let name = self.format.channel_names.get(n).cloned().unwrap_or_else(|| (n + 1).to_string());
-            let channel = self.channel(name, values, asset, &mut frame);
+            let channel = self.channel(name, values, &mesh, &mut frame);
             frame.channels.push(channel);
         }
         let teeth = asset.gear.as_ref().map(|gear| f64::from(gear.teeth[0]));
@@ -140,7 +141,7 @@ impl LatestSamples {
         &self,
         name: String,
         values: Vec<f32>,
-        asset: &AssetSpec,
+        mesh: &MeshContext,
         frame: &mut LiveFrame,
     ) -> LiveChannel {
         let (mut squares, mut valid, mut peak) = (0.0, 0_usize, 0.0_f32);
@@ -175,16 +176,17 @@ impl LatestSamples {
         );
         // Fails if a sample is not a number.
         if let Ok(record) = record {
-            let spectrum = with_analyzer(samples, |analyzer| analyzer.amplitude_spectrum(&record));
+            let (spectrum, speed) =
+                with_analyzer(samples, |analyzer| analyzer.spectrum_and_speed(&record, mesh));
             frame.resolution_hz = Some(spectrum.resolution_hz);
             let kept = reduction::peaks(&spectrum.amplitude, points(&SPECTRUM_POINTS));
             channel.amplitude = kept.iter().map(|bin| rounded(spectrum.amplitude[*bin])).collect();
             channel.bin = kept.into_iter().map(|bin| bin as u32).collect();
             // The first channel with clear lines has the speed.
             if matches!(frame.shaft_speed_source, None | Some(LiveSpeedSource::Asset))
-                && let Some(speed_hz) = detected_speed(&record, asset)
+                && let Some(speed) = speed.filter(is_clear)
             {
-                frame.shaft_speed_hz = Some(speed_hz);
+                frame.shaft_speed_hz = Some(speed.shaft_speed_hz);
                 frame.shaft_speed_source = Some(LiveSpeedSource::Spectrum);
             }
         }
@@ -203,14 +205,11 @@ impl LatestSamples {
     }
 }
 
-/// The speed of the shaft that drives the mesh from the lines of a record, if they are clear.
-fn detected_speed(record: &Record, asset: &AssetSpec) -> Option<f64> {
-    let samples = record.samples().len();
-    let speed = with_analyzer(samples, |analyzer| analyzer.shaft_speed(record, &asset.mesh_context()))?;
-    let is_detected = matches!(speed.source, SpeedSource::MeshComb | SpeedSource::ShaftLines);
-    // A second of samples shows fewer lines than a record: half of them is not chance.
-    let is_clear = 2 * speed.harmonics_found >= speed.harmonics_sought && speed.doubt.is_none();
-    (is_detected && is_clear).then_some(speed.shaft_speed_hz)
+/// Whether a speed is found from lines, most of which stand out: a second of samples may show few of them.
+fn is_clear(speed: &ShaftSpeed) -> bool {
+    matches!(speed.source, SpeedSource::MeshComb | SpeedSource::ShaftLines)
+        && 2 * speed.harmonics_found >= speed.harmonics_sought
+        && speed.doubt.is_none()
 }
 
 /// Rounds to four significant digits: more are not visible and cost bandwidth.
