@@ -47,6 +47,7 @@ fn analyze_reads_valid_files_and_rejects_others_by_name() {
     let whole = fs::read(at("stereo.wav")).unwrap();
     fs::write(at("truncated.wav"), &whole[..whole.len() - 9]).unwrap();
     fs::write(at("letter.txt"), b"dear reader").unwrap();
+    fs::write(at("letter.wav"), b"dear reader").unwrap();
 
     let one = analyze(&[&at("one.wav")]);
     assert_eq!(
@@ -71,6 +72,7 @@ fn analyze_reads_valid_files_and_rejects_others_by_name() {
         ("broken.wav", &["broken.wav"]),
         ("truncated.wav", &["truncated.wav"]),
         ("letter.txt", &["letter.txt"]),
+        ("letter.wav", &["letter.wav", "text", "expected the content of a .wav file"]),
         ("absent.wav", &["absent.wav", "No such file"]),
     ] {
         flankwatch(&["analyze", &at(name)]).expect_failure(words);

@@ -47,6 +47,12 @@ pub enum RecordingError {
     /// An unknown format.
     #[error("the format is unknown, expected WAV (RIFF, RIFX or RF64), FLAC, MCAP, CSV, MATLAB or NumPy")]
     UnknownFormat,
+    /// A file of text with the ending of another format.
+    #[error("the file contains text, expected the content of a .{ending} file; rename it if it is CSV")]
+    Text {
+        /// The ending of its name.
+        ending: String,
+    },
     /// An invalid field of a WAV header.
     #[error("wav: {field} is {value}, expected {expected}")]
     Wav {

@@ -170,6 +170,9 @@ impl Frames for FileFrames {
     }
 }
 
+/// Endings of files that are no text.
+const BINARY_ENDINGS: [&str; 5] = ["wav", "flac", "mcap", "npy", "mat"];
+
 /// A file whose format is known, at its beginning.
 struct OpenFile {
     file: File,
@@ -189,6 +192,10 @@ impl OpenFile {
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let zipped = beginning.starts_with(&GZIP) && has_zipped_csv(&mut file)?;
         let format = if zipped { Format::Csv } else { Format::detect(&beginning)? };
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        if format == Format::Csv && BINARY_ENDINGS.contains(&ending.as_str()) {
+            return Err(RecordingError::Text { ending });
+        }
         Ok(Self { file, bytes, format, zipped })
     }
 
