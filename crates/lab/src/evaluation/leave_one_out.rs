@@ -43,7 +43,7 @@ fn run_of(ensemble: &Ensemble, number: usize) -> RecordedRun {
     let mut rng = ChaCha8Rng::seed_from_u64(number as u64);
     let normal = Normal::new(0.0, 1.0).expect("1 is a standard deviation");
     let path: Vec<f64> = (0..MESH_LINES).map(|_| PATH * normal.sample(&mut rng)).collect();
-    let greatest_um = depths_um.last().copied().unwrap_or(0.0);
+    let greatest_um = ensemble.described().max_wear_um();
     let mut record = |index: usize| {
         let part = index.saturating_sub(HEALTHY) as f64 / (RECORDS - 1 - HEALTHY) as f64;
         let wear_um = LAST_PART * greatest_um * part;

@@ -1,4 +1,4 @@
-//! The grid of wear depths on which probabilities are tracked.
+//! The grid of wear depths on which probabilities are reported.
 
 use super::wear::Posterior;
 
@@ -9,7 +9,8 @@ const INTERVAL_PROBABILITY: f64 = 0.9;
 /// the truth in 90 % of the records of members that are left out of the estimate.
 const MAX_TAIL: f64 = 0.07;
 
-/// Rising wear depths from 0 to a library's last state; empty without a library.
+/// Rising wear depths from 0 to a library's last state, on which estimates are reported; empty without a
+/// library.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DepthGrid {
     depths_um: Vec<f64>,
@@ -21,9 +22,9 @@ impl DepthGrid {
         Self { depths_um: depths_um.to_vec() }
     }
 
-    /// Returns the depths in µm.
-    pub(super) fn depths_um(&self) -> &[f64] {
-        &self.depths_um
+    /// Returns depth number `index` of the ensemble in µm; the last one of the grid if it lies beyond that.
+    pub(super) fn reported_um(&self, index: usize) -> f64 {
+        self.depths_um[index.min(self.depths_um.len() - 1)]
     }
 
     /// Returns the limits of all cells in µm.
@@ -174,12 +175,7 @@ mod tests {
     #[test]
     fn quantiles_of_a_flat_density_are_the_closed_form() {
         let grid = DepthGrid::of(&(0..50).map(|i| 5.0 * f64::from(i)).collect::<Vec<_>>());
-        let flat: Vec<f64> = (0..grid.depths_um().len())
-            .map(|i| {
-                let [low, high] = grid.cell_um(i);
-                (high - low) / 245.0
-            })
-            .collect();
+        let flat: Vec<f64> = grid.cells().map(|[low, high]| (high - low) / 245.0).collect();
         assert_eq!(grid.quantile_um(&flat, 0.001), 0.0);
         for level in [0.05, 0.5, 0.95] {
             assert!((grid.quantile_um(&flat, level) - 245.0 * level).abs() < 1e-9);

@@ -6,7 +6,7 @@ use super::discrepancy::Discrepancy;
 use super::extrapolation::Extrapolation;
 use super::healthy_lines::{MeasuredLine, MeasuredLines};
 use super::load::Load;
-use crate::library::{DEPTHS, Ensemble, LANES, Lanes, line_name};
+use crate::library::{DEPTHS, Ensemble, LANES, Lanes, REPORTED, line_name};
 
 /// Standard deviation of the torque scaling's error, as a part of its effect: pairs simulated at 0.5 to 2
 /// times their torque give 0.3 to 1, the largest where wear is shallow.
@@ -124,7 +124,7 @@ impl<'a> Expectations<'a> {
             BlockLine { changes, reference, floor, error }
         };
         let correlation = |anchor: &Anchor| {
-            let greatest_um = self.depths_um[DEPTHS - 1];
+            let greatest_um = self.depths_um[REPORTED - 1];
             let at_um = lanes(|lane| self.depths_um[usize::from(anchor.depths[member(lane)])]);
             let reach_um = lanes(|lane| anchor_reach(members[member(lane)].contact) * greatest_um);
             let at_depth = |um: &f32| lanes(|lane| (-(um - at_um[lane]).abs() / reach_um[lane]).exp());

@@ -14,7 +14,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use super::exponential::exp;
 use super::growth::{Growth, Jumps, PRIOR, RATES};
 use super::likelihood::Likelihood;
-use crate::library::DEPTHS;
+use crate::library::{DEPTHS, REPORTED, end_um};
 
 /// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
@@ -76,12 +76,14 @@ impl JointPosterior {
         self
     }
 
-    /// Returns the probability by depth.
+    /// Returns the probability by reported depth. The last one has that of all greater depths too.
     pub(super) fn by_depth(&self) -> Vec<f64> {
         let mut total = vec![0.0; DEPTHS];
         for row in self.joint.chunks_exact(DEPTHS) {
             total.iter_mut().zip(row).for_each(|(total, p)| *total += f64::from(*p));
         }
+        let beyond: f64 = total.drain(REPORTED..).sum();
+        total[REPORTED - 1] += beyond;
         total
     }
 }
@@ -89,7 +91,7 @@ impl JointPosterior {
 impl Filter {
     /// Creates the filter at the end of a new machine's baseline, for members in groups of `variants`.
     pub(super) fn start(depths_um: &[f64], members: usize, variants: usize) -> Self {
-        let beginning_um = BEGINNING_PART * depths_um.last().copied().unwrap_or(0.0);
+        let beginning_um = BEGINNING_PART * end_um(depths_um);
         let near = |um: &f64| (-um / beginning_um.max(f64::MIN_POSITIVE)).exp() as f32;
         let widths = depths_um
             .iter()
@@ -393,6 +395,14 @@ mod tests {
         assert_eq!(Packed::of(&packed.unpacked()), packed);
         let text = serde_json::to_string(&packed).unwrap();
         assert_eq!(serde_json::from_str::<Packed>(&text).unwrap(), packed);
+    }
+
+    #[test]
+    fn the_last_reported_depth_has_the_probability_of_all_greater_ones() {
+        let mut joint = vec![0.0; 2 * DEPTHS];
+        (joint[3], joint[REPORTED - 1], joint[2 * DEPTHS - 1]) = (0.5, 0.125, 0.375);
+        let depths = JointPosterior { joint, by_rate: vec![0.0; BLOCK] }.by_depth();
+        assert_eq!((depths.len(), depths[3], depths[REPORTED - 1]), (REPORTED, 0.5, 0.5));
     }
 
     #[test]

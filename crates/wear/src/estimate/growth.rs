@@ -4,7 +4,7 @@
 //! growth is the load and the turns between two records of the baseline; the rate in µm per unit represents
 //! the coefficient.
 
-use crate::library::DEPTHS;
+use crate::library::{DEPTHS, end_um};
 
 /// Rates in parts of the greatest depth per unit: zero, and from very slow to a gear that fails within fifty
 /// records.
@@ -12,7 +12,7 @@ const RATE_PARTS: [f64; RATES] = [0.0, 4e-4, 2e-3, 6.5e-3, 2e-2];
 
 /// Returns the rates in µm per unit for these depths.
 pub(super) fn rates_um(depths_um: &[f64]) -> [f64; RATES] {
-    let greatest = depths_um.last().copied().unwrap_or(0.0);
+    let greatest = end_um(depths_um);
     RATE_PARTS.map(|part| part * greatest)
 }
 

@@ -4,7 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 
 use super::growth::rates_um;
-use crate::library::DEPTHS;
+use crate::library::{DEPTHS, end_um};
 
 /// No prognosis is made while "no growth" has more than this probability, or the median depth is below this
 /// part of the greatest.
@@ -52,7 +52,7 @@ pub(super) fn prognosis(
     let median = median_um(by_rate, depths_um);
     if unit_s <= 0.0
         || standing > MAX_STANDSTILL * total
-        || median < MIN_DEPTH_PART * depths_um.last().copied().unwrap_or(0.0)
+        || median < MIN_DEPTH_PART * end_um(depths_um)
         || median >= limit_um
     {
         return None;

@@ -21,7 +21,7 @@ use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
 use super::wear::{MissingLibrary, WearEstimate, WearStatus};
-use crate::library::Ensemble;
+use crate::library::{Ensemble, REPORTED};
 use flankwatch_signal::Features;
 
 /// Settings of the wear estimate.
@@ -60,11 +60,11 @@ pub struct Tracker {
 impl Tracker {
     /// Creates a tracker for an ensemble. Without one, it only collects the baseline and judges novelty.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
-        let grid =
-            ensemble.as_deref().map(|ensemble| DepthGrid::of(ensemble.depths_um())).unwrap_or_default();
+        let depths_um = ensemble.as_deref().map_or(&[][..], Ensemble::depths_um);
+        let grid = DepthGrid::of(&depths_um[..depths_um.len().min(REPORTED)]);
         Self {
             settings,
-            growth: Growth::on(grid.depths_um()),
+            growth: Growth::on(depths_um),
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
             ensemble,
@@ -150,6 +150,11 @@ impl Tracker {
         state.0 = Stage::Collecting(Box::new(Collecting::after_event(carried, event.until)));
     }
 
+    /// Depths in µm that are tracked, more than are reported; none without a library.
+    fn tracked_um(&self) -> &[f64] {
+        self.ensemble.as_deref().map_or(&[], Ensemble::depths_um)
+    }
+
     fn variants(&self) -> usize {
         self.ensemble.as_deref().map_or(1, Ensemble::variants)
     }
@@ -158,7 +163,7 @@ impl Tracker {
     fn filter_for(&self, existing: Option<Filter>, members: usize) -> Filter {
         match existing {
             Some(filter) if filter.fits(members, self.variants()) => filter,
-            _ => Filter::start(self.grid.depths_um(), members, self.variants()),
+            _ => Filter::start(self.tracked_um(), members, self.variants()),
         }
     }
 }

@@ -29,10 +29,10 @@ pub use cache::{LibraryCache, build_into, save_library};
 pub use checkpoint::checkpoint_path;
 pub use control::BuildControl;
 pub use ensemble::{
-    DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS,
+    DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, REPORTED, VARIANTS,
     decode_ensemble, encode_ensemble, ensemble_id,
 };
-pub(crate) use ensemble::{LANES, Lanes, line_name};
+pub(crate) use ensemble::{LANES, Lanes, end_um, line_name};
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
 

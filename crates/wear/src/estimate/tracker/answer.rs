@@ -8,7 +8,7 @@ use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
 use crate::estimate::wear::{
     BaselineProgress, BestState, Interval, MissingLibrary, WearEstimate, WearStatus,
 };
-use crate::library::{DEPTHS, Ensemble, Library};
+use crate::library::{Ensemble, Library, REPORTED};
 use flankwatch_signal::{Features, NotComputed};
 
 /// Widest 90 % interval, as a part of the library's depths, that still counts as an estimate.
@@ -73,7 +73,7 @@ impl Tracker {
         let ([low, high], median) = (self.grid.interval_um(&probability), quantile(0.5));
         let least = quantile(0.05);
         let end_um = library.max_wear_um();
-        let at_end = high >= self.grid.cell_um(DEPTHS - 2)[0];
+        let at_end = high >= self.grid.cell_um(REPORTED - 2)[0];
         let (status, reason) = if high - low > MAX_INTERVAL_PART * end_um {
             (
                 WearStatus::NotIdentifiable,
@@ -103,8 +103,8 @@ impl Tracker {
         answer.at_least_um = at_end.then_some(least);
         answer.transmission_error_um = transmission_error(ensemble, &posterior.joint);
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
-        answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
-        answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
+        answer.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
+        answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.reported_um(depth)));
         answer.posterior = Some(self.grid.posterior(&probability));
         answer
     }

@@ -48,7 +48,7 @@ impl Tracker {
         let lines = HealthyLines::new(baseline, nominal);
         let log_speeds = lines.log_speeds(baseline);
         HealthyModel {
-            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
+            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.tracked_um()),
             lines,
         }
     }

@@ -11,6 +11,7 @@ use crate::estimate::anchor::Anchor;
 use crate::estimate::baseline::Baseline;
 use crate::estimate::comparability::{Rejection, sampled_too_slowly};
 use crate::estimate::cusum::Cusums;
+use crate::estimate::depth_grid::DepthGrid;
 use crate::estimate::deviation::Deviation;
 use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
@@ -193,12 +194,13 @@ impl Tracker {
         let filter = tracking.filter.insert(filter);
         let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
         let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
+        let tracked = DepthGrid::of(ensemble.depths_um());
         let likelihood: Vec<f32> = ensemble
             .members()
             .iter()
             .flat_map(|member| {
                 let parts = at_place(member);
-                let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
+                let deviates = tracked.cells().zip(parts).map(|([low, high], part)| {
                     // The variance is the measurement's plus that of a uniform distribution over the cell.
                     let (middle, width) =
                         (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
@@ -287,7 +289,7 @@ impl Tracker {
             posterior = posterior.or_no_wear(LOAD_INSTEAD);
         }
         let mut answer = self.answer(ensemble, &posterior, &likelihood);
-        let best_um = self.grid.depths_um()[likelihood.best.1];
+        let best_um = self.grid.reported_um(likelihood.best.1);
         let by_depth = posterior.by_depth();
         let [low_um, high_um] = [0.05, 0.95].map(|level| self.grid.quantile_um(&by_depth, level));
         let is_outside = best_um < low_um || best_um > high_um;
@@ -304,7 +306,7 @@ impl Tracker {
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
             answer.prognosis =
-                prognosis(&posterior.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+                prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, tracking.unit_s);
             answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
         }
         answer.novelty = Some(novelty);
@@ -384,7 +386,7 @@ impl Tracker {
         let posterior = filter.update(&self.growth, units * measured.load, jumps, likelihood);
         // Of the filter itself: hindsight changes the answer, and must not change the filter.
         let high_um = self.grid.quantile_um(&posterior.by_depth(), 0.95);
-        let is_deeper = self.grid.depths_um()[likelihood.best.1] > high_um;
+        let is_deeper = self.grid.reported_um(likelihood.best.1) > high_um;
         tracking.deeper = counted(tracking.deeper, is_deeper);
         posterior
     }

@@ -30,8 +30,12 @@ pub use member::{FlankPlace, Member};
 /// Number of mesh harmonics that are simulated for a member.
 pub const MESH_LINES: usize = 16;
 
-/// Number of wear depths of a member.
-pub const DEPTHS: usize = 50;
+/// Number of wear depths that estimates report: from 0 to the library's last one.
+pub const REPORTED: usize = 50;
+
+/// Number of wear depths of a member: those that are reported, and some beyond the library's end. Without the
+/// latter, the probability of deeper wear would pile up at the end.
+pub const DEPTHS: usize = REPORTED + 4;
 
 /// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small
 /// errors. They share mesh cycles, which take most of a member's computing time.
@@ -41,7 +45,7 @@ pub const VARIANTS: usize = 4;
 pub const FIRST_MEMBERS: usize = 96;
 
 /// Version of the prior; it changes when other pairs are drawn, or when they are simulated differently.
-const PRIOR_VERSION: &str = "prior-8";
+const PRIOR_VERSION: &str = "prior-9";
 
 /// Size of the ensemble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -87,10 +91,16 @@ pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
     hex(inputs.as_bytes())[..16].to_owned()
 }
 
-/// Depths in µm from 0 to a greatest one, closer together where wear is small and the lines change fast.
-fn depths_um(greatest_um: f64) -> Vec<f64> {
-    let part = |index: usize| index as f64 / (DEPTHS - 1) as f64;
-    (0..DEPTHS).map(|index| greatest_um * part(index) * (0.25 + 0.75 * part(index))).collect()
+/// Returns the library's end in µm, the last reported one of the depths; 0 without depths.
+pub(crate) fn end_um(depths_um: &[f64]) -> f64 {
+    depths_um.get(REPORTED - 1).copied().unwrap_or(0.0)
+}
+
+/// Depths in µm from 0 to the library's end and beyond, closer together where wear is small and the lines
+/// change fast.
+fn depths_um(end_um: f64) -> Vec<f64> {
+    let part = |index: usize| index as f64 / (REPORTED - 1) as f64;
+    (0..DEPTHS).map(|index| end_um * part(index) * (0.25 + 0.75 * part(index))).collect()
 }
 
 impl Ensemble {
@@ -183,7 +193,8 @@ impl Ensemble {
         &self.described
     }
 
-    /// Returns the depths in µm at which the members are simulated, starting at 0.
+    /// Returns the depths in µm at which the members are simulated, from 0 to beyond the library's end, which
+    /// is number [`REPORTED`] of them.
     pub fn depths_um(&self) -> &[f64] {
         &self.depths_um
     }
@@ -241,6 +252,7 @@ mod tests {
         let depths = depths_um(245.0);
         assert_eq!((depths[0], depths[49]), (0.0, 245.0));
         assert!(depths[1] < 1.5 && depths[49] - depths[48] < 9.0);
+        assert!(depths[DEPTHS - 1] > 275.0 && end_um(&depths) == 245.0);
         assert!(depths.windows(3).all(|d| d[2] - d[1] > d[1] - d[0]));
     }
 
