@@ -4,7 +4,7 @@
 //! growth is the load and the turns between two records of the baseline; the rate in µm per unit represents
 //! the coefficient.
 
-use crate::library::{DEPTHS, end_um};
+use crate::library::{DEPTHS, REPORTED, end_um};
 
 /// Rates in parts of the greatest depth per unit: zero, and from very slow to a gear that fails within fifty
 /// records.
@@ -117,13 +117,14 @@ impl Growth {
         (steps, parts)
     }
 
-    /// Spreads a part of each depth's probability over all greater depths, at all rates.
+    /// Spreads a part of each depth's probability over all greater depths up to the library's end, at all
+    /// rates.
     #[inline(always)]
     fn jump(&self, rows: &mut [[f32; DEPTHS]], part: f32) {
-        let mut left: f32 = self.widths_um.iter().sum();
+        let mut left: f32 = self.widths_um[..REPORTED - 1].iter().sum();
         let mut falling = [0.0_f32; RATES];
         let mut before_um = 0.0;
-        for (depth, width_um) in self.widths_um.iter().enumerate() {
+        for (depth, width_um) in self.widths_um[..REPORTED - 1].iter().enumerate() {
             let each = part / left.max(f32::MIN_POSITIVE);
             for (row, falling) in rows.iter_mut().zip(&mut falling) {
                 let value = row[depth];
@@ -134,7 +135,7 @@ impl Growth {
             before_um = *width_um;
         }
         for (row, falling) in rows.iter_mut().zip(falling) {
-            row[DEPTHS - 1] += falling * before_um;
+            row[REPORTED - 1] += falling * before_um;
         }
     }
 }
