@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::library::{DEPTHS, Ensemble, FlankPlace, Member};
 use flankwatch_gear::ContactRule;
 
-/// Correlation length over depth of a member's error, in parts of the greatest depth. Under load, the teeth
+/// Correlation length over depth of a member's error, in parts of the library's end. Under load, the teeth
 /// that share it change with the depth; by the threshold rule, contact changes little, and so does the error.
 pub(super) const fn anchor_reach(contact: ContactRule) -> f32 {
     match contact {

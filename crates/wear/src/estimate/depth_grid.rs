@@ -1,4 +1,4 @@
-//! The grid of wear depths on which probabilities are reported.
+//! A grid of wear depths with a probability for each.
 
 use super::wear::Posterior;
 
@@ -9,8 +9,7 @@ const INTERVAL_PROBABILITY: f64 = 0.9;
 /// the truth in 90 % of the records of members that are left out of the estimate.
 const MAX_TAIL: f64 = 0.07;
 
-/// Rising wear depths from 0 to a library's last state, on which estimates are reported; empty without a
-/// library.
+/// Rising wear depths from 0; empty without a library.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DepthGrid {
     depths_um: Vec<f64>,
@@ -22,7 +21,8 @@ impl DepthGrid {
         Self { depths_um: depths_um.to_vec() }
     }
 
-    /// Returns depth number `index` of the ensemble in µm; the last one of the grid if it lies beyond that.
+    /// Returns the depth in µm that is reported for depth `index` of the ensemble: the last one of this grid for
+    /// all beyond it.
     pub(super) fn reported_um(&self, index: usize) -> f64 {
         self.depths_um[index.min(self.depths_um.len() - 1)]
     }

@@ -124,9 +124,9 @@ impl<'a> Expectations<'a> {
             BlockLine { changes, reference, floor, error }
         };
         let correlation = |anchor: &Anchor| {
-            let greatest_um = self.depths_um[REPORTED - 1];
+            let end_um = self.depths_um[REPORTED - 1];
             let at_um = lanes(|lane| self.depths_um[usize::from(anchor.depths[member(lane)])]);
-            let reach_um = lanes(|lane| anchor_reach(members[member(lane)].contact) * greatest_um);
+            let reach_um = lanes(|lane| anchor_reach(members[member(lane)].contact) * end_um);
             let at_depth = |um: &f32| lanes(|lane| (-(um - at_um[lane]).abs() / reach_um[lane]).exp());
             self.depths_um.iter().map(at_depth).collect()
         };

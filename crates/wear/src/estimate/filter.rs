@@ -26,7 +26,7 @@ const ADDED: f32 = 0.12;
 /// Probability per record that the filter restarts from the prior.
 const FORGOTTEN: f32 = 0.003;
 
-/// Prior mean of the depth at the end of a new machine's baseline, in parts of the greatest.
+/// Prior mean of the depth at the end of a new machine's baseline, in parts of the library's end.
 const BEGINNING_PART: f64 = 0.006;
 
 /// Number of cells of one group.

@@ -6,14 +6,13 @@
 
 use crate::library::{DEPTHS, REPORTED, end_um};
 
-/// Rates in parts of the greatest depth per unit: zero, and from very slow to a gear that fails within fifty
+/// Rates in parts of the library's end per unit: zero, and from very slow to a gear that fails within fifty
 /// records.
 const RATE_PARTS: [f64; RATES] = [0.0, 4e-4, 2e-3, 6.5e-3, 2e-2];
 
 /// Returns the rates in µm per unit for these depths.
 pub(super) fn rates_um(depths_um: &[f64]) -> [f64; RATES] {
-    let greatest = end_um(depths_um);
-    RATE_PARTS.map(|part| part * greatest)
+    RATE_PARTS.map(|part| part * end_um(depths_um))
 }
 
 /// Number of rates.

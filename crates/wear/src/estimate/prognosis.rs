@@ -7,7 +7,7 @@ use super::growth::rates_um;
 use crate::library::{DEPTHS, end_um};
 
 /// No prognosis is made while "no growth" has more than this probability, or the median depth is below this
-/// part of the greatest.
+/// part of the library's end.
 const MAX_STANDSTILL: f64 = 0.5;
 const MIN_DEPTH_PART: f64 = 0.04;
 
