@@ -3,10 +3,8 @@
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
-#[cfg(feature = "postgres")]
-use sqlx::Executor;
 use sqlx::any::AnyPoolOptions;
-use sqlx::{AnyConnection, AnyPool, Connection};
+use sqlx::{AnyConnection, AnyPool, Connection, Executor};
 
 use super::StoreError;
 use super::integrity::{self, Damage};
@@ -148,20 +146,20 @@ async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Resu
         .await
 }
 
-/// Sets the pragmas of an SQLite connection.
+/// The settings of an SQLite connection, as one text: each statement by itself would be a round trip to the
+/// connection's thread.
+///
+/// A commit returns once the write-ahead log is durable. The cache is small (4 MB), since the file is in the
+/// system's cache too, and there are five connections.
+const PRAGMAS: &str = "
+    PRAGMA busy_timeout = 10000;
+    PRAGMA journal_mode = WAL;
+    PRAGMA synchronous = FULL;
+    PRAGMA foreign_keys = ON;
+    PRAGMA cache_size = -4096";
+
 async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
-    for pragma in [
-        "PRAGMA busy_timeout = 10000",
-        "PRAGMA journal_mode = WAL",
-        // A commit returns once the write-ahead log is durable.
-        "PRAGMA synchronous = FULL",
-        "PRAGMA foreign_keys = ON",
-        // 4 MB: the file is in the system's cache too, and there are five connections.
-        "PRAGMA cache_size = -4096",
-    ] {
-        sqlx::query(pragma).execute(&mut *connection).await?;
-    }
-    Ok(())
+    connection.execute(PRAGMAS).await.map(|_| ())
 }
 
 /// Checks a database as far as a start waits for, by a connection of its own: a pool would retry for half a
@@ -180,16 +178,14 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
         // A file does not hang up: a ping would only cost a round trip to the connection's thread.
         .test_before_acquire(false)
         .after_connect(|connection, _| Box::pin(prepare(connection)))
-        .after_release(|connection, _| {
-            Box::pin(async move {
-                // If a full disk aborts a transaction, sqlx still counts it as open. Later records would run
-                // inside the open transaction: acknowledged, but never committed.
-                let was_open = sqlx::query("ROLLBACK").execute(connection).await.is_ok();
-                if was_open {
-                    tracing::warn!("found a transaction left open: closing its database connection");
-                }
-                Ok(!was_open)
-            })
+        .before_acquire(|connection, _| {
+            // A transaction that a full disk aborts stays open for sqlx. Later records would then run inside
+            // a savepoint that nobody commits: acknowledged, but lost.
+            let is_usable = !connection.is_in_transaction();
+            if !is_usable {
+                tracing::warn!("found a transaction left open: closing its database connection");
+            }
+            Box::pin(async move { Ok(is_usable) })
         })
         .connect(url)
         .await
