@@ -56,13 +56,15 @@ pub(super) struct JointPosterior {
 }
 
 impl JointPosterior {
-    /// Mixes in no wear at all with this probability.
-    pub(super) fn or_no_wear(mut self, probability: f32) -> Self {
+    /// Mixes in depths by their probability, without growth, with a weight.
+    pub(super) fn or_depths(mut self, by_depth: &[f32], weight: f32) -> Self {
         let groups = (self.joint.len() / DEPTHS).max(1) as f32;
-        self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - probability);
-        self.joint.iter_mut().step_by(DEPTHS).for_each(|p| *p += probability / groups);
+        self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - weight);
+        for row in self.joint.chunks_exact_mut(DEPTHS) {
+            row.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight / groups * depth);
+        }
         // The first rate is that of no growth.
-        self.by_rate[0] += probability;
+        self.by_rate.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight * depth);
         self
     }
 
@@ -411,10 +413,11 @@ mod tests {
         joint[DEPTHS + 7] = 1.0;
         let mut by_rate = vec![0.0; BLOCK];
         by_rate[2 * DEPTHS + 7] = 1.0;
-        let mixed = JointPosterior { joint, by_rate }.or_no_wear(0.25);
+        let mixed = JointPosterior { joint, by_rate }.or_depths(&[0.5, 0.5], 0.5);
         let depths = mixed.by_depth();
-        assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[7] - 0.75).abs() < 1e-6);
-        assert_eq!((mixed.by_rate[0], mixed.by_rate[2 * DEPTHS + 7]), (0.25, 0.75));
+        assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[1] - 0.25).abs() < 1e-6);
+        assert!((depths[7] - 0.5).abs() < 1e-6);
+        assert_eq!((mixed.by_rate[0], mixed.by_rate[1], mixed.by_rate[2 * DEPTHS + 7]), (0.25, 0.25, 0.5));
     }
 
     #[test]

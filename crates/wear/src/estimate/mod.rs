@@ -30,6 +30,7 @@ mod likelihood;
 mod load;
 mod novelty;
 mod prognosis;
+mod sudden_change;
 mod tracker;
 mod wear;
 

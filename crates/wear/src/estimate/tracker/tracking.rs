@@ -24,6 +24,7 @@ use crate::estimate::levels::{Levels, is_impulsive};
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{Novelty, RecordContext, SensorFault, judge};
 use crate::estimate::prognosis::prognosis;
+use crate::estimate::sudden_change::SuddenChange;
 use crate::estimate::wear::{WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
@@ -51,11 +52,14 @@ const GAP: f64 = 5.0;
 /// Weight of the newest interval in that mean.
 const NEWEST_INTERVAL: f64 = 0.2;
 
-/// Probability of no wear at all where the lines moved as load moves them.
+/// Probability that a load moved the lines, where they moved as load moves them or all at once.
 const LOAD_INSTEAD: f32 = 0.2;
 
 /// Caveat on lines that moved as load moves them.
 const LIKE_LOAD: &str = "a change of load may be the cause instead: the lines moved together as they do in the baseline; supply the torque with each record";
+
+/// Caveat on lines that changed from one record to the next.
+const SUDDEN: &str = "the lines changed suddenly, which a change of load may have caused instead: supply the torque with each record, inspect the teeth, or report a new operating regime";
 
 /// State of a channel after its baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,6 +91,8 @@ pub(super) struct Tracking {
     cusums: Cusums,
     #[serde(default)]
     levels: Levels,
+    #[serde(default)]
+    sudden: SuddenChange,
     #[serde(skip)]
     model: CachedModel,
     /// Probability of each group of members after a later inspection, for estimates in hindsight.
@@ -179,6 +185,7 @@ impl Tracker {
             interval_s: unit_s,
             cusums: Cusums::default(),
             levels: Levels::default(),
+            sudden: SuddenChange::default(),
             model: CachedModel::default(),
             hindsight: None,
         }
@@ -216,6 +223,7 @@ impl Tracker {
             changes: tracking.recent.clone(),
         });
         tracking.disagreeing = 0;
+        tracking.sudden.restart();
     }
 
     /// Compares one record with the library, updates the state and returns the answer.
@@ -281,12 +289,18 @@ impl Tracker {
         }
         tracking.drift = drift;
         let mut posterior = self.update_filter(tracking, at, &measured, &likelihood);
+        let knows_torque = features.operating_point.torque_nm.is_some();
         if let Some(groups) = &tracking.hindsight {
             posterior = posterior.with_groups(groups);
         }
         let like_load = healthy.lines.moved_like_load(features, &measured);
         if like_load {
-            posterior = posterior.or_no_wear(LOAD_INSTEAD);
+            posterior = posterior.or_depths(&[1.0], LOAD_INSTEAD);
+        }
+        let before = tracking.sudden.before().filter(|_| !knows_torque);
+        let is_beyond = before.is_some_and(|before| self.is_beyond(&posterior, before));
+        if let Some(before) = before {
+            posterior = posterior.or_depths(before, LOAD_INSTEAD);
         }
         let mut answer = self.answer(ensemble, &posterior, &likelihood);
         let best_um = self.grid.reported_um(likelihood.best.1);
@@ -302,6 +316,7 @@ impl Tracker {
             is_disputed.then(|| "; the last records contradict the earlier ones".to_owned()),
             extrapolation.caveat().map(|caveat| format!("; {caveat}")),
             like_load.then(|| format!("; {LIKE_LOAD}")),
+            is_beyond.then(|| format!("; {SUDDEN}")),
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
@@ -364,6 +379,12 @@ impl Tracker {
         answer
     }
 
+    /// Whether wear is probably deeper than it can have been by the probability `before`.
+    fn is_beyond(&self, posterior: &JointPosterior, before: &[f32]) -> bool {
+        let before: Vec<f64> = before.iter().map(|p| f64::from(*p)).collect();
+        self.grid.quantile_um(&posterior.by_depth(), 0.5) > self.grid.quantile_um(&before, 0.95)
+    }
+
     /// Lets wear grow up to a record, then updates the filter with the record.
     fn update_filter(
         &self,
@@ -384,6 +405,11 @@ impl Tracker {
         let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
         let posterior = filter.update(&self.growth, units * measured.load, jumps, likelihood);
+        // In a gap wear may grow as well as the load may change.
+        if jumps == Jumps::InGap {
+            tracking.sudden.restart();
+        }
+        tracking.sudden.add(measured, &posterior.by_depth());
         // Of the filter itself: hindsight changes the answer, and must not change the filter.
         let high_um = self.grid.quantile_um(&posterior.by_depth(), 0.95);
         let is_deeper = self.grid.reported_um(likelihood.best.1) > high_um;
