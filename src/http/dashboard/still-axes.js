@@ -24,13 +24,13 @@ export function coordinate(type, value) {
   return Number(value);
 }
 
-/** The smallest step from `sizes` that is at least `least`; otherwise the largest one. */
-const upTo = (sizes, least) => sizes.find((size) => size >= least * (1 - 1e-9)) ?? sizes.at(-1);
+/** The smallest of `sizes` beyond `least`; otherwise the largest one. */
+const beyond = (sizes, least) => sizes.find((size) => size > least) ?? sizes.at(-1);
 
-/** The smallest of 1, 2 and 5 times a power of ten that is at least `least`. */
+/** The smallest of 1, 2 and 5 times a power of ten beyond `least`. */
 function roundStep(least) {
   const power = 10 ** Math.floor(Math.log10(least));
-  return upTo([1, 2, 5, 10], least / power) * power;
+  return beyond([2, 5, 10], least / power) * power;
 }
 
 /**
@@ -72,13 +72,10 @@ function times(values, step) {
     if (step >= MONTH) return { words: `${month} ${year}` };
     const day = `${month} ${time.getUTCDate()}`;
     const clock = time.toISOString().slice(11, step >= MINUTE ? 16 : step >= SECOND ? 19 : 23);
-    const isDate = step >= DAY;
-    // midnight is the beginning of a date
-    if (!isDate && /^[0:.]+$/.test(clock)) return { words: `${day}, ${year}` };
-    const more = isDate ? year : `${day}, ${year}`;
+    const [words, more] = step >= DAY ? [day, year] : [clock, `${day}, ${year}`];
     const isNew = more !== before;
     before = more;
-    return { words: isDate ? day : clock.replace(/(:\d+):00(\.0+)?$/, "$1"), ...(isNew && { more }) };
+    return { words, ...(isNew && { more }) };
   });
 }
 
@@ -91,10 +88,10 @@ function timeTicks([from, to], most) {
   const least = (to - from) / most;
   if (2 * least > MONTH) {
     const months =
-      2 * least > 12 * MONTH ? 12 * roundStep(least / (12 * MONTH)) : upTo([1, 2, 3, 6, 12], least / MONTH);
-    const ordinal = (time) => 12 * new Date(time).getUTCFullYear() + new Date(time).getUTCMonth();
+      2 * least > 12 * MONTH ? 12 * roundStep(least / (12 * MONTH)) : beyond([1, 2, 3, 6, 12], least / MONTH);
+    const ordinal = (time) => 12 * (new Date(time).getUTCFullYear() - 2000) + new Date(time).getUTCMonth();
     const values = multiples([ordinal(from) - months, ordinal(to) + 1], months)
-      .map((month) => Date.UTC(0, month))
+      .map((month) => Date.UTC(2000, month))
       .filter((time) => time >= from && time <= to);
     return { values, step: months * MONTH };
   }
@@ -104,7 +101,7 @@ function timeTicks([from, to], most) {
       : 2 * least > HOUR
         ? [HOUR, [1, 2, 3, 6, 12]]
         : [2 * least > MINUTE ? MINUTE : SECOND, [1, 2, 5, 10, 15, 30]];
-  const step = 2 * least > SECOND ? unit * upTo(sizes, least / unit) : roundStep(least);
+  const step = 2 * least > SECOND ? unit * beyond(sizes, least / unit) : roundStep(least);
   return { values: multiples([from, to], step, A_SUNDAY), step };
 }
 
@@ -243,10 +240,12 @@ export function axesOf(curves, layout, frame, boxOf) {
     }
     return { axes, size };
   };
+  const { l, r, t, b } = layout.margin;
+  const beside = Math.min(12, l, r, t, b); // what needs more than a margin keeps from the edge
   const room = ({ axes, size }) => {
     const margin = { ...layout.margin };
     const widen = (side, excess) => {
-      if (excess > 0) margin[side] = Math.max(margin[side], excess + Math.min(12, layout.margin[side]));
+      if (excess > 0) margin[side] = Math.max(margin[side], excess + beside);
     };
     for (const axis of Object.values(axes)) {
       const { spec, letter, depth, ticks, offset, length, at } = axis;
