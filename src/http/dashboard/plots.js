@@ -173,15 +173,16 @@ const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 const still = new Map(); // plots drawn without Plotly → their `[traces, layout]`
 const arrivals = new WeakMap(); // plot → what to do when Plotly has drawn it
 
+const pictureIn = (element) => element.querySelector(":scope > .still");
+
 /** Draws a plot without Plotly; returns whether that was possible. */
 function drawStill(element, traces, layout) {
   const { clientWidth: width, clientHeight: height } = element;
   const shown = byClock(traces, layout);
   const picture = stillPlot(shown.traces, themed(shown.layout, palette()), { width, height });
   if (!picture) return false;
-  const last = element.querySelector(":scope > .still");
-  if (last) last.replaceWith(picture);
-  else element.append(picture);
+  pictureIn(element)?.remove();
+  element.append(picture);
   if (!still.has(element)) awaitPointer(element);
   still.set(element, [traces, layout]);
   return true;
@@ -189,29 +190,35 @@ function drawStill(element, traces, layout) {
 
 /** Wakes a still plot when the pointer comes to it. */
 function awaitPointer(element) {
-  const repeat = recordPointer(element);
-  const start = () => wake(element).catch(() => {}); // the next visit tries again
-  const visits = ["pointerenter", "pointermove", "pointerdown"];
-  for (const name of visits) element.addEventListener(name, start);
+  let repeat;
+  const visit = () => {
+    repeat ??= recordPointer(element);
+    turnTo(element);
+  };
+  const visits = ["pointerenter", "pointerdown"];
+  for (const name of visits) element.addEventListener(name, visit);
   onceAwake(element, () => {
-    for (const name of visits) element.removeEventListener(name, start);
-    queueMicrotask(repeat); // when everybody listens
+    for (const name of visits) element.removeEventListener(name, visit);
+    if (repeat) queueMicrotask(repeat); // when everybody listens
   });
 }
 
 /** Lets Plotly take the place of a still drawing. */
-export async function wake(element) {
+async function wake(element) {
   if (!still.has(element)) return;
   await load();
   const shown = still.get(element);
   if (shown) await draw(element, ...shown);
 }
 
+/** Wakes a still plot, if any. Without the library it stays as it is, and the next turn to it tries again. */
+export const turnTo = (element) => wake(element).catch(() => {});
+
 /** Wakes all still plots, one after the other: the one that needed Plotly comes first. */
 async function wakeAll() {
   for (const element of still.keys()) {
     await new Promise((done) => setTimeout(done));
-    if (element.checkVisibility()) await wake(element);
+    if (element.checkVisibility()) await turnTo(element);
   }
 }
 
@@ -236,7 +243,7 @@ export async function draw(element, traces, layout, { rests = false } = {}) {
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   const shown = byClock(traces, layout);
   await Plotly.react(element, shown.traces, themed(shown.layout, palette()), config);
-  element.querySelector(":scope > .still")?.remove();
+  pictureIn(element)?.remove();
   const waiting = arrivals.get(element) ?? [];
   arrivals.delete(element);
   for (const act of waiting) act();
@@ -346,8 +353,10 @@ export function linkTimeAxes(...elements) {
 /** Fits a plot into its element whenever the element's size changes. */
 export function keepFitted(element) {
   const observer = new ResizeObserver(() => {
-    if (still.has(element)) drawStill(element, ...still.get(element));
     const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
+    const picture = pictureIn(element);
+    const isFitting = picture?.clientWidth === width && picture.clientHeight === height;
+    if (still.has(element) && width && height && !isFitting) drawStill(element, ...still.get(element));
     if (layout && width && height && (layout.width !== width || layout.height !== height))
       globalThis.Plotly.Plots.resize(element);
   });

@@ -2,21 +2,31 @@
 // click or a drag may begin before the library is there.
 
 const NOTED = ["mousemove", "mousedown", "mouseup"];
+const RECENT_MS = 15_000; // what is older was given up
 
 /** Notes the mouse events on an element from now on; the returned function repeats them on what is there then. */
 export function recordPointer(element) {
   /** @type {MouseEvent[]} */
-  const events = [];
-  const isPressed = () => events.filter(({ type }) => type !== "mousemove").at(-1)?.type === "mousedown";
+  let events = [];
+  let isPressed = false;
+  const listen = (isOn) => {
+    for (const type of NOTED)
+      if (isOn) document.addEventListener(type, note, { capture: true });
+      else document.removeEventListener(type, note, { capture: true });
+  };
   const note = (event) => {
-    if (!isPressed() && !element.contains(event.target)) return;
+    if (!element.isConnected) return listen(false);
+    // a drag may end beside the element
+    if (!isPressed && !element.contains(event.target)) return;
+    if (event.type !== "mousemove") isPressed = event.type === "mousedown";
     // between presses only the last place counts
     if (event.type === "mousemove" && events.at(-1)?.type === "mousemove") events.pop();
     events.push(event);
   };
-  for (const type of NOTED) document.addEventListener(type, note, { capture: true });
+  listen(true);
   return () => {
-    for (const type of NOTED) document.removeEventListener(type, note, { capture: true });
+    listen(false);
+    events = events.filter(({ timeStamp }) => performance.now() - timeStamp < RECENT_MS);
     const isThere = element.matches(":hover");
     if (!isThere && events.every(({ type }) => type === "mousemove")) return;
     let target = element;
