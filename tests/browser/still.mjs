@@ -164,14 +164,15 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "the first click on a still plot selects its record": async (name) => {
-    for (const kind of ["wear", "trends"]) {
-      const opened = await open(`#/assets/${asset}`);
+  "the first click or tap on a still plot selects its record": async (name) => {
+    for (const [kind, options] of [["wear"], ["trends"], ["wear", PHONE]]) {
+      const opened = await open(`#/assets/${asset}`, options);
       const { page } = opened;
       await overviewSeen(page);
       await plotOf(page, kind).scrollIntoViewIfNeeded();
       const { x, y, width, height } = await plotOf(page, kind).boundingBox();
-      await page.mouse.click(x + 0.5 * width, y + 0.4 * height);
+      const place = [x + 0.5 * width, y + 0.4 * height];
+      await (options ? page.touchscreen.tap(...place) : page.mouse.click(...place));
       await page.waitForFunction(() => location.hash.includes("segment="));
       const { id } = await recordShown(page);
       const { items } = await json(`assets/${asset}/wear/history`);

@@ -1,8 +1,8 @@
-// Plotly with the page's fonts and colours. It is large, so it is loaded with the first plot that needs it. Plots
-// that rest are drawn still until somebody turns to one of them.
+// Plotly with the page's fonts and colours. It is large, so it is loaded with the first plot that needs it.
+// Plots that rest are drawn still until somebody turns to one of them.
 
 import { h, svg } from "./dom.js";
-import { recordPointer } from "./pointer-record.js";
+import { noteEarly } from "./early-pointer.js";
 import { stillPlot } from "./still-plot.js";
 import { colours, translucent } from "./theme.js";
 import { instant, isLocal, written, zoneName } from "./time-zone.js";
@@ -183,16 +183,18 @@ function drawStill(element, traces, layout) {
   if (!picture) return false;
   pictureIn(element)?.remove();
   element.append(picture);
-  if (!still.has(element)) awaitPointer(element);
+  awaitPointer(element);
   still.set(element, [traces, layout]);
   return true;
 }
 
 /** Wakes a still plot when the pointer comes to it. */
 function awaitPointer(element) {
+  if (element.dataset.awaited) return;
+  element.dataset.awaited = "true";
   let repeat;
   const visit = () => {
-    repeat ??= recordPointer(element);
+    repeat ??= noteEarly(element);
     turnTo(element);
   };
   const visits = ["pointerenter", "pointerdown"];
@@ -229,8 +231,8 @@ export function onceAwake(element, act) {
 }
 
 /**
- * Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. One that `rests` does
- * not load Plotly if it can be drawn still.
+ * Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. One that `rests`
+ * does not load Plotly if it can be drawn still.
  */
 export async function draw(element, traces, layout, { rests = false } = {}) {
   clearTimeout(resting.get(element)); // a pending line update is outdated now
@@ -363,24 +365,18 @@ export function keepFitted(element) {
   observer.observe(element);
 }
 
-/** A drawing with the user's current axis ranges. */
-function asShown(drawing, shown) {
-  const { traces, layout } = byClock(drawing.traces, drawing.layout);
-  const own = themed(layout, palette());
-  const axes = Object.keys(own).filter((key) => /^[xy]axis/.test(key) && shown[key]?.range);
-  const ranges = axes.map((key) => [key, { ...own[key], range: [...shown[key].range], autorange: false }]);
-  return { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } };
-}
-
 /** Exports a plot, drawn by `drawing`, as an image URL with `scale` pixels per page pixel. */
 export async function pictureOf(element, scale, drawing) {
+  const { traces, layout } = byClock(drawing.traces, drawing.layout);
+  const own = themed(layout, palette()); // in the theme of this moment
   await wake(element);
-  return globalThis.Plotly.toImage(asShown(drawing, element._fullLayout), {
-    format: "png",
-    scale,
-    width: element.clientWidth,
-    height: element.clientHeight,
-  });
+  const shown = element._fullLayout; // with the ranges that the user sees
+  const axes = Object.keys(own).filter((key) => /^[xy]axis/.test(key) && shown[key]?.range);
+  const ranges = axes.map((key) => [key, { ...own[key], range: [...shown[key].range], autorange: false }]);
+  return globalThis.Plotly.toImage(
+    { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } },
+    { format: "png", scale, width: element.clientWidth, height: element.clientHeight },
+  );
 }
 
 /** A position on a time axis as reported by Plotly: as written there, or in milliseconds. */

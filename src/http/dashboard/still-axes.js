@@ -1,5 +1,5 @@
-// The axes of a plot that is drawn without the plotting library: margins, ranges and ticks. They follow Plotly's
-// rules, so that nothing moves when Plotly takes over.
+// The axes of a plot that is drawn without the plotting library: margins, ranges and ticks. They follow
+// Plotly's rules, so that nothing moves when Plotly takes over.
 
 import { textSize } from "./still-text.js";
 import { count } from "./format.js";
@@ -10,6 +10,7 @@ const A_SUNDAY = Date.UTC(2000, 0, 2); // weeks begin on Sundays
 export const TICK = { length: 5, width: 1 };
 
 /** @typedef {{ at: number, words: string, more?: string }} Tick */
+/** @typedef {{ l: number, r: number, t: number, b: number, w: number, h: number }} StillSize */
 /**
  * @typedef {{ id: string, letter: string, spec: any, type: string, range: number[], offset: number,
  *   length: number, ticks: Tick[], depth: number, at: (coordinate: number) => number }} StillAxis
@@ -203,7 +204,7 @@ function extentsOn({ id, letter, type, length }, curves, { shapes = [], annotati
 
 /**
  * The axes of a layout in a frame of pixels, `{ axes, size }`; `size` has the margins and the area within.
- * @returns {{ axes: Record<string, StillAxis>, size: { l: number, r: number, t: number, b: number, w: number, h: number } }}
+ * @returns {{ axes: Record<string, StillAxis>, size: StillSize }}
  */
 export function axesOf(curves, layout, frame, boxOf) {
   const font = { size: layout.font.size, family: layout.font.family };

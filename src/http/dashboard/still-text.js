@@ -29,8 +29,8 @@ function fraction(anchor, position, isOnPaper) {
 }
 
 /**
- * The box of an annotation: its size as written, `edge` around the text, and per axis how far it reaches before
- * and after its position, upright or turned.
+ * The box of an annotation: its size as written, `edge` around the text, and per axis how far it reaches
+ * before and after its position, upright or turned.
  */
 export function annotationBox(annotation, font) {
   const own = { ...font, size: annotation.font?.size ?? font.size };

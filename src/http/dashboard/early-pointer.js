@@ -1,11 +1,13 @@
-// What the pointer does on a still plot while the plotting library loads, for the plot that takes its place: a
-// click or a drag may begin before the library is there.
+// What the pointer does on a still plot while the plotting library loads, for the plot that takes its place:
+// a click or a drag may begin before the library is there.
 
 const NOTED = ["mousemove", "mousedown", "mouseup"];
 const RECENT_MS = 15_000; // what is older was given up
 
-/** Notes the mouse events on an element from now on; the returned function repeats them on what is there then. */
-export function recordPointer(element) {
+/**
+ * Notes the mouse events on an element from now on; the returned function repeats them on what is there then.
+ */
+export function noteEarly(element) {
   /** @type {MouseEvent[]} */
   let events = [];
   let isPressed = false;
