@@ -176,8 +176,8 @@ export const CHECKS = {
       await page.waitForFunction(() => location.hash.includes("segment="));
       const { id } = await recordShown(page);
       const { items } = await json(`assets/${asset}/wear/history`);
-      const place = items.findIndex(({ segment_id: own }) => own === id) / items.length;
-      assert.ok(place > 0.2 && place < 0.8, `record at ${place} of the life`);
+      const part = items.findIndex(({ segment_id: own }) => own === id) / items.length;
+      assert.ok(part > 0.2 && part < 0.8, `record at ${part} of the life`);
       await close(opened, `${name} ${kind}`);
     }
   },
