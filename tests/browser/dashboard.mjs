@@ -24,6 +24,7 @@ const FILES = [
   "record",
   "spectrum",
   "plots",
+  "still",
   "match",
   "views",
   "without-gears",

@@ -107,11 +107,21 @@ export async function counted(locator, count) {
   assert.equal(await locator.count(), count);
 }
 
-/** Waits until a plot is drawn. */
-export const drawn = (page, kind) =>
-  page.locator(`[data-plot="${kind}"] .plot .main-svg`).first().waitFor({ state: "visible" });
+/** The plot of a card: the still drawing, or Plotly's. */
+export const plotOf = (page, kind) => page.locator(`[data-plot="${kind}"] .plot`);
 
-/** Waits for the initial plots of an asset's page. */
+/** Waits until a plot is seen, still or drawn by Plotly. */
+export const seen = (page, kind) =>
+  plotOf(page, kind).locator(":scope > .still, .main-svg").first().waitFor({ state: "visible" });
+
+/** Waits until Plotly has drawn a plot; one that rests is woken as by a pointer. */
+export async function drawn(page, kind) {
+  await seen(page, kind);
+  await plotOf(page, kind).dispatchEvent("pointerenter");
+  await plotOf(page, kind).locator(".main-svg").first().waitFor({ state: "visible" });
+}
+
+/** Waits for the initial plots of an asset's page, drawn by Plotly. */
 export async function overviewDrawn(page) {
   for (const kind of PLOTS) await drawn(page, kind);
 }

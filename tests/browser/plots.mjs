@@ -141,6 +141,7 @@ export const CHECKS = {
     }
     await page.reload();
     for (const kind of kinds) {
+      await drawn(page, kind);
       await page.locator(`[data-plot="${kind}"] .plot-sub`).getByText("Every record").waitFor();
       await onlyDrawn(page, kind, range, inside, `the link restores ${kind}`);
     }

@@ -2,6 +2,7 @@
 
 import { focusedData, h, setChildren } from "./dom.js";
 import { number } from "./format.js";
+import { onceAwake, turnTo } from "./plots.js";
 
 const DIGITS = 3; // of a dragged level; more would suggest false precision
 const STEPS = 100; // of the arrow keys across the axis
@@ -34,9 +35,13 @@ export class LevelHandles {
       this.#levels.map((level) => this.#handle(level)),
     );
     this.#place();
-    if (!this.#plot.dataset.handled && this.#plot.on) {
+    if (pane !== null) turnTo(this.#plot);
+    if (!this.#plot.dataset.handled) {
       this.#plot.dataset.handled = "true";
-      this.#plot.on("plotly_afterplot", () => this.#place());
+      onceAwake(this.#plot, () => {
+        this.#plot.on("plotly_afterplot", () => this.#place());
+        this.#place();
+      });
     }
     if (focused) this.element.querySelector(`[data-level="${focused}"]`)?.focus();
   }

@@ -6,6 +6,7 @@ import { cursorLines, spacingOf } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt, isInNoise, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
+import { onceAwake, turnTo } from "./plots.js";
 import { axisOf } from "./spectrum-plot.js";
 
 const LABEL_PX = 52; // width of a bearing line's label
@@ -59,10 +60,14 @@ export class CursorLayer {
     for (const layer of [this.#ground, this.#layer]) layer.hidden = !cursor;
     this.readout.hidden = !cursor;
     if (!cursor) return;
-    if (!this.#plot.dataset.cursor && this.#plot.on) {
+    turnTo(this.#plot);
+    if (!this.#plot.dataset.cursor) {
       this.#plot.dataset.cursor = "true";
-      for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"])
-        this.#plot.on(event, () => this.#place());
+      onceAwake(this.#plot, () => {
+        for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"])
+          this.#plot.on(event, () => this.#place());
+        this.#place();
+      });
     }
     this.#place();
   }

@@ -17,7 +17,7 @@ export class LevelPlot extends PlotCard {
    * show. Calls `redraw` when a level changes.
    */
   constructor(kind, title, { redraw, names, shownName, prefix = undefined }) {
-    super(kind, title);
+    super(kind, title, { rests: true });
     this.#panel = new AlarmRulePanel(redraw, (name) => change({ levels: name }, { quiet: true }), prefix);
     this.#handles = new LevelHandles(this.plot, (key, value) => this.#panel.setLevel(key, value));
     this.levelsButton.addEventListener("click", () => {

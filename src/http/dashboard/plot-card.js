@@ -3,7 +3,7 @@
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
 import { savePicture } from "./picture.js";
-import { discard, draw, keepFitted, legend, moveLast } from "./plots.js";
+import { discard, draw, keepFitted, legend, moveLast, turnTo } from "./plots.js";
 import { inLight } from "./theme.js";
 
 /** A figure that holds one plot. */
@@ -22,6 +22,7 @@ export class PlotCard {
   #frame;
   #subject;
   #facts;
+  #rests;
   #csv = h(
     "button",
     {
@@ -40,7 +41,9 @@ export class PlotCard {
   #save = h("span", { class: "plot-save", hidden: true }, this.#csv, this.#png);
   element;
 
-  constructor(kind, title) {
+  /** A card that `rests` shows its plot without Plotly until somebody turns to it. */
+  constructor(kind, title, { rests = false } = {}) {
+    this.#rests = rests;
     setText(this.#title, title);
     for (const button of [this.#csv, this.#png])
       button.setAttribute("aria-label", `${title}: save as ${button.textContent}`);
@@ -60,6 +63,10 @@ export class PlotCard {
       this.frame,
       this.#notice,
     );
+    // whoever comes by keyboard may be on the way to a handle over the plot
+    this.element.addEventListener("focusin", ({ target }) => {
+      if (target instanceof Element && target.matches(":focus-visible")) turnTo(this.plot);
+    });
   }
 
   #factLines() {
@@ -111,7 +118,8 @@ export class PlotCard {
     const { traces, layout, frame } = drawing;
     const isSame = frame !== undefined && frame === this.#frame;
     this.#frame = frame;
-    if (!isSame || !moveLast(this.plot, traces.at(-1))) await draw(this.plot, traces, layout);
+    if (!isSame || !moveLast(this.plot, traces.at(-1)))
+      await draw(this.plot, traces, layout, { rests: this.#rests });
     return drawing;
   }
 

@@ -1,7 +1,9 @@
-// Plotly with the page's fonts and colours. It is loaded with the first plot, so the fleet page does not wait
-// for it.
+// Plotly with the page's fonts and colours. It is large, so it is loaded with the first plot that needs it.
+// Plots that rest are drawn still until somebody turns to one of them.
 
 import { h, svg } from "./dom.js";
+import { noteEarly } from "./early-pointer.js";
+import { stillPlot } from "./still-plot.js";
 import { colours, translucent } from "./theme.js";
 import { instant, isLocal, written, zoneName } from "./time-zone.js";
 
@@ -10,7 +12,10 @@ let loading;
 function load() {
   loading ??= new Promise((resolve, reject) => {
     const script = h("script", { src: new URL("static/plotly.js", document.baseURI).href });
-    script.addEventListener("load", () => resolve(globalThis.Plotly));
+    script.addEventListener("load", () => {
+      resolve(globalThis.Plotly);
+      wakeAll();
+    });
     script.addEventListener("error", () => {
       loading = undefined;
       script.remove();
@@ -165,9 +170,74 @@ function themed(layout, colour) {
 // a picture has its title and legend beside it; the card exports it
 const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
-/** Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. */
-export async function draw(element, traces, layout) {
+const still = new Map(); // plots drawn without Plotly → their `[traces, layout]`
+const arrivals = new WeakMap(); // plot → what to do when Plotly has drawn it
+
+const pictureIn = (element) => element.querySelector(":scope > .still");
+
+/** Draws a plot without Plotly; returns whether that was possible. */
+function drawStill(element, traces, layout) {
+  const { clientWidth: width, clientHeight: height } = element;
+  const shown = byClock(traces, layout);
+  const picture = stillPlot(shown.traces, themed(shown.layout, palette()), { width, height });
+  if (!picture) return false;
+  pictureIn(element)?.remove();
+  element.append(picture);
+  awaitPointer(element);
+  still.set(element, [traces, layout]);
+  return true;
+}
+
+/** Wakes a still plot when the pointer comes to it. */
+function awaitPointer(element) {
+  if (element.dataset.awaited) return;
+  element.dataset.awaited = "true";
+  let repeat;
+  const visit = () => {
+    repeat ??= noteEarly(element);
+    turnTo(element);
+  };
+  const visits = ["pointerenter", "pointerdown"];
+  for (const name of visits) element.addEventListener(name, visit);
+  onceAwake(element, () => {
+    for (const name of visits) element.removeEventListener(name, visit);
+    if (repeat) queueMicrotask(repeat); // when everybody listens
+  });
+}
+
+/** Lets Plotly take the place of a still drawing. */
+async function wake(element) {
+  if (!still.has(element)) return;
+  await load();
+  const shown = still.get(element);
+  if (shown) await draw(element, ...shown);
+}
+
+/** Wakes a still plot, if any. Without the library it stays as it is, and the next turn to it tries again. */
+export const turnTo = (element) => wake(element).catch(() => {});
+
+/** Wakes all still plots, one after the other: the one that needed Plotly comes first. */
+async function wakeAll() {
+  for (const element of still.keys()) {
+    await new Promise((done) => setTimeout(done));
+    if (element.checkVisibility()) await turnTo(element);
+  }
+}
+
+/** Does something with a plot now, or when Plotly has drawn it. */
+export function onceAwake(element, act) {
+  if (element.on) act();
+  else arrivals.set(element, [...(arrivals.get(element) ?? []), act]);
+}
+
+/**
+ * Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. One that `rests`
+ * does not load Plotly if it can be drawn still.
+ */
+export async function draw(element, traces, layout, { rests = false } = {}) {
   clearTimeout(resting.get(element)); // a pending line update is outdated now
+  if (rests && !globalThis.Plotly && drawStill(element, traces, layout)) return;
+  still.delete(element);
   const Plotly = await load();
   if (!element.isConnected) return;
   // on a touch screen the buttons would always cover the plot, and dragging is disabled
@@ -175,6 +245,10 @@ export async function draw(element, traces, layout) {
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   const shown = byClock(traces, layout);
   await Plotly.react(element, shown.traces, themed(shown.layout, palette()), config);
+  pictureIn(element)?.remove();
+  const waiting = arrivals.get(element) ?? [];
+  arrivals.delete(element);
+  for (const act of waiting) act();
 }
 
 /** Draws the last line of a plot, a single path, through `[x, y]`; returns whether that was possible. */
@@ -238,37 +312,43 @@ export async function replaceLine(element, [x, y]) {
 
 /** Calls back with the time or value of a clicked point, from Plotly's `customdata`. */
 export function onPointClick(element, callback) {
-  if (element.dataset.clickable || !element.on) return;
+  if (element.dataset.clickable) return;
   element.dataset.clickable = "true";
-  element.on("plotly_click", (event) => {
-    const point = event.points.find(({ customdata }) => customdata !== undefined);
-    if (point) callback(Array.isArray(point.customdata) ? point.customdata[0] : point.customdata);
-  });
+  onceAwake(element, () =>
+    element.on("plotly_click", (event) => {
+      const point = event.points.find(({ customdata }) => customdata !== undefined);
+      if (point) callback(Array.isArray(point.customdata) ? point.customdata[0] : point.customdata);
+    }),
+  );
+}
+
+/** The horizontal range that the user has given a plot; null for the whole one, undefined for no change. */
+function rangeIn(event) {
+  const { "xaxis.range": range, "xaxis.range[0]": from, "xaxis.range[1]": to } = event;
+  if (range) return range;
+  if (from !== undefined) return [from, to];
+  return event["xaxis.autorange"] ? null : undefined;
 }
 
 /** Keeps the horizontal range of two plots equal. */
 export function linkTimeAxes(...elements) {
+  const follow = (other, range) => {
+    const { autorange, range: current } = other.layout.xaxis;
+    const isSame = range ? !autorange && String(current) === String(range) : autorange;
+    const update = range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true };
+    if (!isSame) globalThis.Plotly.relayout(other, update);
+  };
   for (const element of elements) {
-    if (element.dataset.linked || !element.on) continue;
+    if (element.dataset.linked) continue;
     element.dataset.linked = "true";
-    element.on("plotly_relayout", (event) => {
-      const range =
-        event["xaxis.range"] ??
-        (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
-      if (!range && !event["xaxis.autorange"]) return;
-      for (const other of elements) {
-        if (other === element || !other.layout) continue;
-        const current = other.layout.xaxis;
-        const same = range
-          ? !current.autorange && String(current.range) === String(range)
-          : current.autorange;
-        if (!same)
-          globalThis.Plotly.relayout(
-            other,
-            range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true },
-          );
-      }
-    });
+    onceAwake(element, () =>
+      element.on("plotly_relayout", (event) => {
+        const range = rangeIn(event);
+        if (range === undefined) return;
+        for (const other of elements.filter((each) => each !== element))
+          onceAwake(other, () => follow(other, range));
+      }),
+    );
   }
 }
 
@@ -276,29 +356,27 @@ export function linkTimeAxes(...elements) {
 export function keepFitted(element) {
   const observer = new ResizeObserver(() => {
     const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
+    const picture = pictureIn(element);
+    const isFitting = picture?.clientWidth === width && picture.clientHeight === height;
+    if (still.has(element) && width && height && !isFitting) drawStill(element, ...still.get(element));
     if (layout && width && height && (layout.width !== width || layout.height !== height))
       globalThis.Plotly.Plots.resize(element);
   });
   observer.observe(element);
 }
 
-/** A drawing with the user's current axis ranges. */
-function asShown(drawing, shown) {
+/** Exports a plot, drawn by `drawing`, as an image URL with `scale` pixels per page pixel. */
+export async function pictureOf(element, scale, drawing) {
   const { traces, layout } = byClock(drawing.traces, drawing.layout);
-  const own = themed(layout, palette());
+  const own = themed(layout, palette()); // in the theme of this moment
+  await wake(element);
+  const shown = element._fullLayout; // with the ranges that the user sees
   const axes = Object.keys(own).filter((key) => /^[xy]axis/.test(key) && shown[key]?.range);
   const ranges = axes.map((key) => [key, { ...own[key], range: [...shown[key].range], autorange: false }]);
-  return { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } };
-}
-
-/** Exports a plot, drawn by `drawing`, as an image URL with `scale` pixels per page pixel. */
-export function pictureOf(element, scale, drawing) {
-  return globalThis.Plotly.toImage(asShown(drawing, element._fullLayout), {
-    format: "png",
-    scale,
-    width: element.clientWidth,
-    height: element.clientHeight,
-  });
+  return globalThis.Plotly.toImage(
+    { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } },
+    { format: "png", scale, width: element.clientWidth, height: element.clientHeight },
+  );
 }
 
 /** A position on a time axis as reported by Plotly: as written there, or in milliseconds. */
@@ -312,20 +390,20 @@ const instantOf = (end) =>
  * for the whole range.
  */
 export function onRangeChange(element, callback) {
-  if (element.dataset.ranged || !element.on) return;
+  if (element.dataset.ranged) return;
   element.dataset.ranged = "true";
-  element.on("plotly_relayout", (event) => {
-    if (event["xaxis.autorange"]) return callback(null);
-    const range =
-      event["xaxis.range"] ??
-      (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
-    const isTime = element._fullLayout.xaxis.type === "date";
-    if (range) callback(isTime ? range.map((end) => instantOf(end)) : range);
-  });
+  onceAwake(element, () =>
+    element.on("plotly_relayout", (event) => {
+      const range = rangeIn(event);
+      const isTime = element._fullLayout.xaxis.type === "date";
+      if (range !== undefined) callback(range && isTime ? range.map((end) => instantOf(end)) : range);
+    }),
+  );
 }
 
 /** Releases Plotly's resources of a plot. */
 export function discard(element) {
+  still.delete(element);
   if (element.layout) globalThis.Plotly.purge(element);
 }
 

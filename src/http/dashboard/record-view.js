@@ -50,7 +50,7 @@ export class RecordView {
   #chips = new Map();
   #order = { ids: [], selected: null };
   #query = {};
-  #cards = new Map(PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
+  #cards = new Map(PANES.map(({ key, label }) => [key, new PlotCard(key, label, { rests: true })]));
   #tools = new SpectrumTools();
   #near = h(
     "select",
