@@ -183,8 +183,9 @@ fn weighted_sums<S: Simd, const POINTS: usize>(
     sums.map(|[even, odd]| simd.reduce_sum_f32s(simd.add_f32s(even, odd)))
 }
 
-/// Returns the stride after which points lie at nearly the same offset between two samples: the denominator of
-/// the last convergent of the step's continued fraction that leaves enough points to each stride.
+/// Returns the stride after which points lie at nearly the same offset between two samples, so that the
+/// coefficients of one part serve several of them: the denominator of the last convergent of the step's
+/// continued fraction that leaves enough points to each stride.
 fn stride(positions: &[f64]) -> usize {
     let [Some(first), Some(last)] = [positions.first(), positions.last()] else { return 1 };
     let step = (last - first) / (positions.len().max(2) - 1) as f64;

@@ -353,8 +353,8 @@ fn derotate_by_phase(signal: &mut [Complex<f64>], line: &mut [Complex<f64>]) {
     }
 }
 
-/// Divides each value by its modulus, as a plain loop compiled for each instruction set. Zero, which has no phase,
-/// becomes 1.
+/// Divides each value by its modulus, as a plain loop compiled for each instruction set. Zero, which has no
+/// phase, becomes 1.
 struct UnitPhasors<'a>(&'a mut [Complex<f64>]);
 
 impl WithSimd for UnitPhasors<'_> {

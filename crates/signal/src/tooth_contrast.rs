@@ -186,8 +186,8 @@ impl Contrast {
     }
 }
 
-/// Multiplies bins by `scale` and by a mask of zeros and ones. Returns the sums of their squares before and after
-/// it.
+/// Multiplies bins by `scale` and by a mask of zeros and ones. Returns the sums of their squares before and
+/// after that.
 struct Masking<'a> {
     bins: &'a mut [Complex<f64>],
     mask: &'a [f64],

@@ -33,8 +33,8 @@ pub(super) fn spectrum_length(samples: usize) -> usize {
     length
 }
 
-/// Returns the shortest length of at least `min` that is 5, 6, 7 or 8 times a power of two: at most a quarter longer,
-/// and coarse enough that similar records share a plan.
+/// Returns the shortest length of at least `min` that is 5, 6, 7 or 8 times a power of two: at most a quarter
+/// longer, and coarse enough that similar records share a plan.
 pub(super) fn fast_length(min: usize) -> usize {
     min.next_multiple_of((min.next_power_of_two() / 8).max(1))
 }

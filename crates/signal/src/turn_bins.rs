@@ -1,7 +1,8 @@
 //! A few bins of the transform of a record over an angle, without the whole transform.
 //!
-//! Of T turns with the samples x(t, j), N in all, bin zT + m is Σⱼ exp(−2πi(zT + m)j/N)·Σₜ x(t, j)·exp(−2πimt/T).
-//! The inner sum over the turns is the same for all orders z, and for −m it is the conjugate of that for m.
+//! For T turns with the samples x(t, j), N in all, bin zT + m is Σⱼ exp(−2πi(zT + m)j/N) ·
+//! Σₜ x(t, j)·exp(−2πimt/T). The inner sum over the turns is the same for all orders z, and for −m it is the
+//! conjugate of that for m, as the samples are real.
 
 use std::f64::consts::TAU;
 
