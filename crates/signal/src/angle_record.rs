@@ -1,21 +1,17 @@
 //! A record sampled over the angle of a shaft instead of over time.
 
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
 
 use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::shaft_angle::AngleSource;
 use super::spectrum::hann_amplitude;
 use super::transform::Transforms;
+use super::turn_bins::bins_around;
 
 /// Up to this many bins to each side of a line, direct summation costs less than a full transform.
 const MAX_SUMMED_REACH: usize = 8;
-
-/// Number of bins summed at once: more sums do not fit into the registers.
-const BINS_AT_ONCE: usize = 3;
 
 /// Whole turns of a shaft, sampled at equal steps of its angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,62 +82,17 @@ impl AngleRecord {
             return None;
         }
         // The line's neighbours, and those that the window combines with them.
-        let reach = search_reach(position as f64).ceil() as usize + 2;
+        let reach = search_reach(position as f64) as usize + 2;
         if reach > MAX_SUMMED_REACH || position <= reach || position + reach >= half {
             return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
         }
-        let first = position - reach;
-        let count = 2 * reach + 1;
-        let bins = self.bins(first, count, transforms);
+        let bins = bins_around(self, teeth as usize, reach, transforms);
         let one_sided = 4.0 / self.samples.len() as f64;
         let mut amplitude = [0.0; 2 * MAX_SUMMED_REACH];
-        for (amplitude, w) in amplitude.iter_mut().zip(bins[..count].windows(3)) {
+        for (amplitude, w) in amplitude.iter_mut().zip(bins.windows(3)) {
             *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
         }
-        Some(read_line_in(&amplitude[..count - 2], first + 1, position as f64))
-    }
-
-    /// Returns `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N)
-    /// at sample j of turn t is exp(−2πikt/turns)·exp(−2πikj/N).
-    fn bins(
-        &self,
-        first: usize,
-        count: usize,
-        transforms: &mut Transforms,
-    ) -> [Complex<f64>; 2 * MAX_SUMMED_REACH + 1 + BINS_AT_ONCE] {
-        let arch = Arch::new();
-        let (total, per_turn) = (self.samples.len(), self.samples_per_turn);
-        let [mut step, mut current, mut roots] = [(); 3].map(|()| transforms.complex_buffer());
-        fill_wave(&mut step, per_turn, 1, total);
-        fill_wave(&mut current, per_turn, first, total);
-        fill_wave(&mut roots, self.turns, 1, self.turns);
-        let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] =
-            std::array::from_fn(|_| [transforms.buffer(), transforms.buffer()]);
-        waves.as_flattened_mut().iter_mut().for_each(|wave| wave.resize(per_turn, 0.0));
-        let mut bins = [Complex::default(); 2 * MAX_SUMMED_REACH + 1 + BINS_AT_ONCE];
-        for done in (0..count).step_by(BINS_AT_ONCE) {
-            for [cos, sin] in &mut waves {
-                for ((wave, step), (re, im)) in current.iter_mut().zip(&step).zip(cos.iter_mut().zip(sin)) {
-                    (*re, *im) = (wave.re, wave.im);
-                    *wave *= step;
-                }
-            }
-            let mut turns = self.samples.chunks_exact(per_turn).enumerate();
-            while let Some((number, turn)) = turns.next() {
-                // A last turn without a partner is processed twice and counted once.
-                let (next, weight) = turns.next().map_or((turn, 0.0), |(_, next)| (next, 1.0));
-                let waves = waves.each_ref().map(|wave| wave.each_ref().map(Vec::as_slice));
-                let parts = arch.dispatch(TurnBins { turns: [turn, next], waves });
-                for (bin, [part, next_part]) in parts.into_iter().enumerate() {
-                    let k = first + done + bin;
-                    let at_turn = |number: usize| roots[k * number % self.turns];
-                    bins[done + bin] += part * at_turn(number) + next_part * at_turn(number + 1) * weight;
-                }
-            }
-        }
-        waves.into_iter().flatten().for_each(|wave| transforms.recycle(wave));
-        [step, current, roots].into_iter().for_each(|buffer| transforms.recycle_complex(buffer));
-        bins
+        Some(read_line_in(&amplitude[..bins.len() - 2], position + 1 - reach, position as f64))
     }
 
     /// Returns the Hann amplitude spectrum over orders.
@@ -182,57 +133,10 @@ impl WithSimd for EverySecondTurn<'_> {
     }
 }
 
-/// Fills `wave` with exp(−2πikj/period), j = 0 … `count` − 1, as products of two factors to save sine
-/// evaluations.
-fn fill_wave(wave: &mut Vec<Complex<f64>>, count: usize, k: usize, period: usize) {
-    const FINE: usize = 64;
-    let at = |j: usize| Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64);
-    let fine: [Complex<f64>; FINE] = std::array::from_fn(at);
-    wave.clear();
-    for coarse in (0..count).step_by(FINE) {
-        let turned = at(coarse);
-        wave.extend(fine.iter().take(count - coarse).map(|fine| turned * fine));
-    }
-}
-
-/// Σ x·(cos + i·sin) over each of two turns, vectorised; the waves are loaded once for both.
-struct TurnBins<'a> {
-    turns: [&'a [f64]; 2],
-    /// Cosine and sine of each bin.
-    waves: [[&'a [f64]; 2]; BINS_AT_ONCE],
-}
-
-impl WithSimd for TurnBins<'_> {
-    /// One value per bin and turn.
-    type Output = [[Complex<f64>; 2]; BINS_AT_ONCE];
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let [(first, first_rest), (second, second_rest)] = self.turns.map(|turn| S::as_simd_f64s(turn));
-        let waves = self.waves.map(|wave| wave.map(|part| S::as_simd_f64s(part)));
-        let [[(c0, _), (s0, _)], [(c1, _), (s1, _)], [(c2, _), (s2, _)]] = waves;
-        let mut sums = [[simd.splat_f64s(0.0); 2]; 2 * BINS_AT_ONCE];
-        let rows = first.iter().zip(second).zip(c0).zip(s0).zip(c1).zip(s1).zip(c2).zip(s2);
-        for (((((((&x, &y), &c0), &s0), &c1), &s1), &c2), &s2) in rows {
-            for ([first_sum, second_sum], wave) in sums.iter_mut().zip([c0, s0, c1, s1, c2, s2]) {
-                *first_sum = simd.mul_add_e_f64s(x, wave, *first_sum);
-                *second_sum = simd.mul_add_e_f64s(y, wave, *second_sum);
-            }
-        }
-        std::array::from_fn(|bin| {
-            let [(_, cos), (_, sin)] = waves[bin];
-            std::array::from_fn(|turn| {
-                let [re, im] = [sums[2 * bin][turn], sums[2 * bin + 1][turn]];
-                let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
-                let rest = [first_rest, second_rest][turn].iter().zip(cos).zip(sin);
-                rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
-            })
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
 
     /// The line read from a few bins is the one in the whole spectrum.

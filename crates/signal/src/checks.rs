@@ -9,6 +9,7 @@ use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
+use super::sums::sum_of;
 
 /// Number of octaves, counted from the highest one that fits below half the sampling rate. They are those of
 /// IEC 61260 with base 2, so that records with other sampling rates share them.
@@ -160,7 +161,7 @@ fn rms_outside_combs(
         let to = ((high - clear(high)).floor() as usize).min(last);
         if from < to {
             if mesh.others.is_empty() {
-                energy += amplitude[from..=to].iter().map(|a| a * a).sum::<f64>();
+                energy += sum_of(&amplitude[from..=to], |a| a * a);
                 count += to + 1 - from;
                 continue;
             }

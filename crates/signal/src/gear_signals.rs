@@ -73,12 +73,12 @@ impl GearSignals {
             ..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
         let real = signal(&|k| band.contains(&k), one);
         let imaginary = signal(&|k| band.contains(&k), Complex::new(0.0, -1.0));
-        let [whole, regular, residual, difference] = [
-            signal(&|_| true, one),
-            signal(&regular, one),
-            signal(&|k| !regular(k), one),
-            signal(&|k| !regular(k) && !sideband(k), one),
-        ];
+        let difference = signal(&|k| !regular(k) && !sideband(k), one);
+        let regular = signal(&regular, one);
+        let mean = mean_of(average, |x| *x);
+        let [mut whole, mut residual] = [transforms.buffer(), transforms.buffer()];
+        whole.extend(average.iter().map(|x| x - mean));
+        residual.extend(whole.iter().zip(&regular).map(|(whole, regular)| whole - regular));
         let mut mesh_envelope = real;
         for (re, im) in mesh_envelope.iter_mut().zip(&imaginary) {
             *re = (*re * *re + im * im).sqrt();

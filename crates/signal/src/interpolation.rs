@@ -21,8 +21,8 @@ const PHASES: usize = 128;
 /// rounding of single precision.
 const COEFFICIENTS: usize = 3;
 
-/// Largest stride in which points are processed.
-const MAX_STRIDE: usize = 64;
+/// Fewest points on average that follow each other with the same stride.
+const MIN_POINTS_OF_STRIDE: usize = 12;
 
 /// Adding and subtracting this rounds a number below 2³¹ to the nearest whole number, whose bits are the
 /// lowest of the sum. Unlike a conversion, the compiler vectorises this.
@@ -30,21 +30,22 @@ const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
 /// The weights of the 32 samples around a point, as polynomials of its position between two samples: one
 /// table for all threads.
-static PHASE_TABLE: LazyLock<Vec<Phase>> = LazyLock::new(|| (0..PHASES).map(Phase::new).collect());
+static PHASE_TABLE: LazyLock<Box<[Phase; PHASES]>> =
+    LazyLock::new(|| Box::new(std::array::from_fn(Phase::new)));
 
 /// Interpolates records and reuses its buffers.
 pub(super) struct Kernel {
-    points: PointBuffers,
+    points: Vec<Point>,
     arch: Arch,
 }
 
 /// Positions of points: the sample before each, the part of the interval, and the offset from −1 to 1 within
 /// that part.
-#[derive(Default)]
-struct PointBuffers {
-    before: Vec<u32>,
-    phase: Vec<u32>,
-    offset: Vec<f32>,
+#[derive(Clone, Copy, Default)]
+struct Point {
+    before: u32,
+    phase: u32,
+    offset: f32,
 }
 
 /// The polynomials of one part of the interval: for each power, in ascending order, the coefficients of all
@@ -82,7 +83,7 @@ impl Phase {
 impl Kernel {
     /// Creates an interpolator with empty buffers.
     pub(super) fn new() -> Self {
-        Self { points: PointBuffers::default(), arch: Arch::new() }
+        Self { points: Vec::new(), arch: Arch::new() }
     }
 
     /// Returns the instruction set of this processor.
@@ -92,21 +93,23 @@ impl Kernel {
 
     /// Interpolates the signal at `positions`, each at least 16 samples from either end.
     pub(super) fn interpolate(&mut self, samples: &[f32], positions: &[f64], values: &mut [f64]) {
-        let PointBuffers { before, phase, offset } = &mut self.points;
-        before.resize(positions.len(), 0);
-        phase.resize(positions.len(), 0);
-        offset.resize(positions.len(), 0.0);
-        let points = (before.as_mut_slice(), phase.as_mut_slice(), offset.as_mut_slice());
-        self.arch.dispatch(Interpolation { phases: &PHASE_TABLE, samples, positions, points, values });
+        self.points.resize(positions.len(), Point::default());
+        self.arch.dispatch(Interpolation {
+            phases: &PHASE_TABLE,
+            samples,
+            positions,
+            points: &mut self.points,
+            values,
+        });
     }
 }
 
 /// Points to interpolate, and their destination.
 struct Interpolation<'a> {
-    phases: &'a [Phase],
+    phases: &'a [Phase; PHASES],
     samples: &'a [f32],
     positions: &'a [f64],
-    points: (&'a mut [u32], &'a mut [u32], &'a mut [f32]),
+    points: &'a mut [Point],
     values: &'a mut [f64],
 }
 
@@ -115,51 +118,88 @@ impl WithSimd for Interpolation<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (befores, phases, points) = self.points;
-        let each = befores.iter_mut().zip(&mut *phases).zip(&mut *points).zip(self.positions);
-        for (((before, phase), offset), position) in each {
+        for (point, position) in self.points.iter_mut().zip(self.positions) {
             let whole = (position - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET;
             let scaled = (position - whole) * PHASES as f64;
             let part = ((scaled - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET).min((PHASES - 1) as f64);
-            *before = (whole + ROUNDING_OFFSET).to_bits() as u32;
-            *phase = (part + ROUNDING_OFFSET).to_bits() as u32;
-            *offset = (2.0 * (scaled - part) - 1.0) as f32;
+            point.before = (whole + ROUNDING_OFFSET).to_bits() as u32;
+            point.phase = (part + ROUNDING_OFFSET).to_bits() as u32;
+            point.offset = (2.0 * (scaled - part) - 1.0) as f32;
         }
         // A separate loop, as the inputs of all points are ready and several points can be computed at once.
-        let (befores, phases, points, values) = (&*befores, &*phases, &*points, self.values);
-        let count = values.len().min(befores.len()).min(phases.len()).min(points.len());
+        let count = self.values.len().min(self.points.len());
+        let (points, values) = (&self.points[..count], &mut self.values[..count]);
         let stride = stride(self.positions);
+        let around = |point: &Point| &self.samples[point.before as usize + 1 - REACH..][..TAPS];
         for first in 0..stride {
-            for point in (first..count).step_by(stride) {
-                let t = simd.splat_f32s(points[point]);
-                // The lane count of every register type divides 32: there is no remainder.
-                let (around, _) =
-                    S::as_simd_f32s(&self.samples[befores[point] as usize + 1 - REACH..][..TAPS]);
-                let Phase(rows) = &self.phases[phases[point] as usize];
-                let [c0, c1, c2] = rows.each_ref().map(|row| S::as_simd_f32s(row).0);
-                let mut sums = [simd.splat_f32s(0.0); 2];
-                let each = around.iter().zip(c0).zip(c1).zip(c2);
-                for (k, (((&x, &c0), &c1), &c2)) in each.enumerate() {
-                    let weight = simd.mul_add_e_f32s(c2, t, c1);
-                    let weight = simd.mul_add_e_f32s(weight, t, c0);
-                    sums[k % 2] = simd.mul_add_e_f32s(weight, x, sums[k % 2]);
+            let mut at = first;
+            while at < count {
+                let point = points[at];
+                let phase = &self.phases[point.phase as usize % PHASES];
+                let next = at + stride;
+                if let Some(other) = points.get(next)
+                    && other.phase == point.phase
+                {
+                    let [sum, next_sum] = weighted_sums(
+                        simd,
+                        phase,
+                        [around(&point), around(other)],
+                        [point.offset, other.offset],
+                    );
+                    values[at] = sum.into();
+                    values[next] = next_sum.into();
+                    at = next + stride;
+                } else {
+                    let [sum] = weighted_sums(simd, phase, [around(&point)], [point.offset]);
+                    values[at] = sum.into();
+                    at = next;
                 }
-                values[point] = simd.reduce_sum_f32s(simd.add_f32s(sums[0], sums[1])).into();
             }
         }
     }
 }
 
+/// Returns the weighted sums at points in the same part of an interval, each with its samples and its offset.
+#[inline(always)]
+fn weighted_sums<S: Simd, const POINTS: usize>(
+    simd: S,
+    Phase(rows): &Phase,
+    samples: [&[f32]; POINTS],
+    offsets: [f32; POINTS],
+) -> [f32; POINTS] {
+    // The lane count of every register type divides 32: there is no remainder.
+    let samples = samples.map(|samples| S::as_simd_f32s(samples).0);
+    let [c0, c1, c2] = rows.each_ref().map(|row| S::as_simd_f32s(row).0);
+    let offsets = offsets.map(|offset| simd.splat_f32s(offset));
+    // Two sums for each point, as a sum waits for the one before.
+    let mut sums = [[simd.splat_f32s(0.0); 2]; POINTS];
+    for (k, ((&c0, &c1), &c2)) in c0.iter().zip(c1).zip(c2).enumerate() {
+        for ((sum, &t), samples) in sums.iter_mut().zip(&offsets).zip(samples) {
+            let weight = simd.mul_add_e_f32s(c2, t, c1);
+            let weight = simd.mul_add_e_f32s(weight, t, c0);
+            sum[k % 2] = simd.mul_add_e_f32s(weight, samples[k], sum[k % 2]);
+        }
+    }
+    sums.map(|[even, odd]| simd.reduce_sum_f32s(simd.add_f32s(even, odd)))
+}
+
 /// Returns the stride after which points lie at nearly the same offset between two samples, so that the
-/// coefficients of one part serve many of them while in the first-level cache.
+/// coefficients of one part serve several of them: the denominator of the last convergent of the step's
+/// continued fraction that leaves enough points to each stride.
 fn stride(positions: &[f64]) -> usize {
     let [Some(first), Some(last)] = [positions.first(), positions.last()] else { return 1 };
     let step = (last - first) / (positions.len().max(2) - 1) as f64;
-    let off = |stride: usize| {
-        let moved = stride as f64 * step;
-        (moved - moved.round()).abs()
-    };
-    (1..=MAX_STRIDE).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(1)
+    let max_stride = positions.len() / MIN_POINTS_OF_STRIDE;
+    let (mut before, mut stride, mut rest) = (0, 1, step.fract().abs());
+    while rest > 0.0 {
+        let quotient = rest.recip();
+        let next = quotient.floor() * stride as f64 + before as f64;
+        if next > max_stride as f64 {
+            break;
+        }
+        (before, stride, rest) = (stride, next as usize, quotient.fract());
+    }
+    stride
 }
 
 /// Returns sinc·Blackman at the 32 samples around a point that lies `fraction` of an interval after the

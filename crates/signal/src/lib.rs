@@ -88,6 +88,7 @@ mod speed_fluctuation;
 mod sums;
 mod tooth_contrast;
 mod transform;
+mod turn_bins;
 mod velocity;
 
 pub use acceleration::unit_factor;

@@ -68,12 +68,16 @@ pub(super) fn find(
     let step = 0.5 / noise.len() as f64;
     let candidates = ((high - low) / step) as usize + 1;
     let level = detection_level(noise.len(), candidates);
+    // Thousands of candidates are scored, and a division costs several multiplications.
+    let mut per_noise = [0.0; ORDERS];
+    per_noise.iter_mut().zip(noise).for_each(|(per_noise, noise)| *per_noise = noise.recip());
+    let per_noise = &per_noise[..noise.len()];
     let score = |mesh: f64, offset: f64| -> f64 {
-        let ratio = |(index, noise): (usize, &f64)| {
+        let ratio = |(index, per_noise): (usize, &f64)| {
             let bin = ((index as f64 + 1.0 + offset) * mesh + 0.5) as usize;
-            amplitude.get(bin).map_or(0.0, |a| a / noise)
+            amplitude.get(bin).map_or(0.0, |a| a * per_noise)
         };
-        noise.iter().enumerate().map(ratio).map(compress).sum()
+        per_noise.iter().enumerate().map(ratio).map(compress).sum()
     };
     let shaft = 1.0 / f64::from(teeth.max(1));
     let resolves_shaft = low * shaft >= SHAFT_RESOLVED_BINS;

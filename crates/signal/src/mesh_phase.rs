@@ -3,13 +3,14 @@
 use std::cmp::Ordering;
 use std::f64::consts::TAU;
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 use rustfft::FftDirection;
 
 use super::phases::phases_of;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::sums::mean_of;
-use super::transform::Transforms;
+use super::transform::{Transforms, fast_length};
 
 /// Number of harmonics tried; the one that gives the most accurate angle is used.
 const HARMONICS: u32 = 5;
@@ -156,7 +157,7 @@ impl MeshBand<'_> {
         low_pass(&derotated, reach_bins, &mut line, transforms);
         for step in 0..ITERATIONS {
             if step > 0 {
-                derotate_by_phase(&mut derotated, &line);
+                derotate_by_phase(&mut derotated, &mut line);
                 low_pass(&derotated, reach_bins, &mut line, transforms);
             }
             let mut left = line[0].arg();
@@ -239,7 +240,7 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
+        self.analytic_at(fast_length(4 * (last - first + 1)), first, last, transforms)
     }
 
     /// Like [`analytic`](Self::analytic), with at least two samples per bin.
@@ -332,26 +333,40 @@ fn derotate_by_frequency(
     }
     phase.insert(0, 0.0);
     // The rotation is accumulated step by step, without a sine.
+    Arch::new().dispatch(UnitPhasors(&mut steps));
     let mut rotation = Complex::new(1.0, 0.0);
     derotated.push(signal[0]);
     derotated.extend(signal[1..].iter().zip(&steps).map(|(z, step)| {
-        let modulus = step.norm_sqr().sqrt();
-        if modulus > 0.0 {
-            rotation *= step.conj() / modulus;
-        }
+        rotation *= step.conj();
         z * rotation
     }));
     transforms.recycle_complex(sums);
     transforms.recycle_complex(steps);
 }
 
-/// Derotates each sample by the phase of `line`, the latest addition to the tracked phase.
-fn derotate_by_phase(signal: &mut [Complex<f64>], line: &[Complex<f64>]) {
+/// Derotates each sample by the phase of `line`, the latest addition to the tracked phase; leaves phasors of
+/// modulus 1 in `line`.
+fn derotate_by_phase(signal: &mut [Complex<f64>], line: &mut [Complex<f64>]) {
+    Arch::new().dispatch(UnitPhasors(line));
     for (z, line) in signal.iter_mut().zip(line) {
-        let modulus = line.norm_sqr().sqrt();
-        // Zero has no phase.
-        if modulus > 0.0 {
-            *z *= line.conj() / modulus;
+        *z *= line.conj();
+    }
+}
+
+/// Divides each value by its modulus, as a plain loop compiled for each instruction set. Zero, which has no
+/// phase, becomes 1.
+struct UnitPhasors<'a>(&'a mut [Complex<f64>]);
+
+impl WithSimd for UnitPhasors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for z in self.0 {
+            let square = z.norm_sqr();
+            let is_zero = f64::from(u8::from(square == 0.0));
+            let scale = (square + is_zero).sqrt().recip();
+            *z = Complex::new(z.re * scale + is_zero, z.im * scale);
         }
     }
 }

@@ -5,12 +5,13 @@
 //! sidebands next to them. A single different tooth (a crack, a chip) acts once per turn over one tooth's
 //! angle: it causes many weak sidebands far from the harmonics.
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;
 use super::mesh_context::MeshContext;
-use super::sums::{mean_of, sum_of};
+use super::sums::sum_of;
 use super::transform::Transforms;
 
 /// Shaft orders excluded on each side of a mesh harmonic: errors of the whole gear modulate the mesh there.
@@ -108,8 +109,8 @@ struct Contrast {
     fourth: f64,
     /// Level below which a mean square is rounding.
     floor: f64,
-    /// Mean square over one tooth pitch, by angle.
-    by_pitch: Vec<f64>,
+    /// Sum of the averages' squares, by angle.
+    squares: Vec<f64>,
 }
 
 impl Contrast {
@@ -124,7 +125,7 @@ impl Contrast {
             noise: 0.0,
             fourth: 0.0,
             floor: 0.0,
-            by_pitch: transforms.buffer(),
+            squares: transforms.buffer(),
         }
     }
 
@@ -148,23 +149,16 @@ impl Contrast {
         let [bins, alternating] = &mut self.bins;
         // Each bin except the end ones also represents its mirror image.
         let ends = [bins.first(), bins.last()].into_iter().flatten().map(Complex::norm_sqr).sum::<f64>();
-        let whole = scale * scale * (2.0 * sum_of(bins, Complex::norm_sqr) - ends);
-        self.floor = self.floor.max(ROUNDING * ROUNDING * whole);
-        for (bin, mask) in bins.iter_mut().zip(mask) {
-            *bin *= mask * scale;
-        }
-        for (bin, mask) in alternating.iter_mut().zip(mask) {
-            *bin *= mask * scale;
-        }
+        let arch = Arch::new();
+        let [whole, repeated] = arch.dispatch(Masking { bins, mask, scale });
+        let [_, noise] = arch.dispatch(Masking { bins: alternating, mask, scale });
+        self.floor = self.floor.max(ROUNDING * ROUNDING * scale * scale * (2.0 * whole - ends));
         self.averages += 1.0;
-        self.repeated += 2.0 * sum_of(bins, Complex::norm_sqr);
-        self.noise += 2.0 * sum_of(alternating, Complex::norm_sqr);
+        self.repeated += 2.0 * repeated;
+        self.noise += 2.0 * noise;
         transforms.inverse(bins, signal);
-        let by_pitch = &mut self.by_pitch;
-        by_pitch.resize(signal.len(), 0.0);
-        signal.iter_mut().for_each(|x| *x *= *x);
-        self.fourth += mean_of(signal, |square| square * square);
-        add_pitch_energies(signal, self.teeth, by_pitch);
+        self.squares.resize(signal.len(), 0.0);
+        self.fourth += arch.dispatch(Squares { signal, squares: &mut self.squares }) / signal.len() as f64;
         self.turns = 0;
     }
 
@@ -175,7 +169,7 @@ impl Contrast {
             self.insert_check([repeated, noise, fourth], features);
         }
         self.bins.into_iter().for_each(|bins| transforms.recycle_complex(bins));
-        transforms.recycle(self.by_pitch);
+        transforms.recycle(self.squares);
     }
 
     fn insert_check(&mut self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
@@ -184,22 +178,64 @@ impl Contrast {
             |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
         insert_check("ln_tooth_repeated", repeated / noise.max(self.floor));
         insert_check("ln_tooth_kurtosis", fourth / (repeated * repeated));
-        let worst = self.by_pitch.iter().copied().fold(0.0, f64::max);
-        let middle = self.by_pitch.len() / 2;
-        let (_, median, _) = self.by_pitch.select_nth_unstable_by(middle, f64::total_cmp);
+        let mut by_pitch = pitch_energies(&self.squares, self.teeth);
+        let worst = by_pitch.iter().copied().fold(0.0, f64::max);
+        let middle = by_pitch.len() / 2;
+        let (_, median, _) = by_pitch.select_nth_unstable_by(middle, f64::total_cmp);
         insert_check("ln_tooth_worst", worst / median.max(self.floor * self.averages));
     }
 }
 
-/// Adds the mean square over one tooth's pitch around each angle of the turn, from the squares.
-fn add_pitch_energies(squares: &[f64], teeth: usize, energies: &mut [f64]) {
+/// Multiplies bins by `scale` and by a mask of zeros and ones. Returns the sums of their squares before and
+/// after that.
+struct Masking<'a> {
+    bins: &'a mut [Complex<f64>],
+    mask: &'a [f64],
+    scale: f64,
+}
+
+impl WithSimd for Masking<'_> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 2] {
+        let before = sum_of(self.bins, Complex::norm_sqr);
+        for (bin, mask) in self.bins.iter_mut().zip(self.mask) {
+            *bin *= mask * self.scale;
+        }
+        [before, sum_of(self.bins, Complex::norm_sqr)]
+    }
+}
+
+/// Adds the squares of a signal and returns the sum of their squares.
+struct Squares<'a> {
+    signal: &'a [f64],
+    squares: &'a mut [f64],
+}
+
+impl WithSimd for Squares<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        for (square, x) in self.squares.iter_mut().zip(self.signal) {
+            *square += x * x;
+        }
+        sum_of(self.signal, |x| (x * x) * (x * x))
+    }
+}
+
+/// Returns the mean over one tooth's pitch around each angle of the turn.
+fn pitch_energies(squares: &[f64], teeth: usize) -> Vec<f64> {
     let pitch = (squares.len() / teeth).max(1);
     let mut sum: f64 = squares[..pitch].iter().sum();
     let entering = squares[pitch..].iter().chain(&squares[..pitch]);
-    for ((energy, entering), leaving) in energies.iter_mut().zip(entering).zip(squares) {
-        *energy += sum.max(0.0) / pitch as f64;
+    let energy = |(entering, leaving): (&f64, &f64)| {
+        let energy = sum.max(0.0) / pitch as f64;
         sum += entering - leaving;
-    }
+        energy
+    };
+    entering.zip(squares).map(energy).collect()
 }
 
 #[cfg(test)]

@@ -1,0 +1,133 @@
+//! A few bins of the transform of a record over an angle, without the whole transform.
+//!
+//! For T turns with the samples x(t, j), N in all, bin zT + m is Σⱼ exp(−2πi(zT + m)j/N) ·
+//! Σₜ x(t, j)·exp(−2πimt/T). The inner sum over the turns is the same for all orders z, and for −m it is the
+//! conjugate of that for m, as the samples are real.
+
+use std::f64::consts::TAU;
+
+use pulp::{Arch, Simd, WithSimd};
+use realfft::num_complex::Complex;
+
+use super::angle_record::AngleRecord;
+use super::transform::Transforms;
+
+/// Number of turns added at once: each partial sum is loaded and stored once for all of them.
+const TURNS_AT_ONCE: usize = 4;
+
+/// Number of angles added over all turns at once: their partial sums stay in the first-level cache.
+const ANGLES_AT_ONCE: usize = 256;
+
+/// The weights of some turns: cos(2πmt/T) and sin(2πmt/T).
+type Weights = [[f64; TURNS_AT_ONCE]; 2];
+
+/// Returns the bins within `reach` of a shaft's order, of the transform without a window.
+pub(super) fn bins_around(
+    record: &AngleRecord,
+    order: usize,
+    reach: usize,
+    transforms: &mut Transforms,
+) -> Vec<Complex<f64>> {
+    let (total, per_turn, turns) = (record.samples.len(), record.samples_per_turn, record.turns);
+    let [mut wave, mut part, mut roots] = [(); 3].map(|()| transforms.complex_buffer());
+    fill_wave(&mut roots, turns, 1, turns);
+    let mut weights: Vec<Weights> = Vec::with_capacity((reach + 1) * turns.div_ceil(TURNS_AT_ONCE));
+    let mut sums = Vec::with_capacity(reach + 1);
+    for m in 0..=reach {
+        let root =
+            |turn: usize| if turn < turns { roots[m * turn % turns].conj() } else { Complex::default() };
+        weights.extend((0..turns).step_by(TURNS_AT_ONCE).map(|first| {
+            let roots: [Complex<f64>; TURNS_AT_ONCE] = std::array::from_fn(|n| root(first + n));
+            [roots.map(|root| root.re), roots.map(|root| root.im)]
+        }));
+        let mut sum = [transforms.buffer(), transforms.buffer()];
+        sum.iter_mut().for_each(|sum| sum.resize(per_turn, 0.0));
+        sums.push(sum);
+    }
+    Arch::new().dispatch(TurnSums { samples: &record.samples, turns, weights: &weights, sums: &mut sums });
+    fill_wave(&mut wave, per_turn, order * turns, total);
+    let mut bins = vec![Complex::default(); 2 * reach + 1];
+    for (m, [cos, sin]) in sums.iter().enumerate() {
+        fill_wave(&mut part, per_turn, m, total);
+        // The parts that bins m and −m have in common, and in which they differ.
+        let [mut even, mut odd] = [Complex::<f64>::default(); 2];
+        for (((wave, part), cos), sin) in wave.iter().zip(&part).zip(cos).zip(sin) {
+            even += wave * (part.re * cos + part.im * sin);
+            odd += wave * (part.re * sin - part.im * cos);
+        }
+        bins[reach + m] = even - odd * Complex::i();
+        bins[reach - m] = even + odd * Complex::i();
+    }
+    sums.into_iter().flatten().for_each(|sum| transforms.recycle(sum));
+    [wave, part, roots].into_iter().for_each(|buffer| transforms.recycle_complex(buffer));
+    bins
+}
+
+/// Fills `wave` with exp(−2πikj/period), j = 0 … `count` − 1, as products of two factors to save sine
+/// evaluations.
+fn fill_wave(wave: &mut Vec<Complex<f64>>, count: usize, k: usize, period: usize) {
+    const FINE: usize = 64;
+    let at = |j: usize| Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64);
+    let fine: [Complex<f64>; FINE] = std::array::from_fn(at);
+    wave.clear();
+    for coarse in (0..count).step_by(FINE) {
+        let turned = at(coarse);
+        wave.extend(fine.iter().take(count - coarse).map(|fine| turned * fine));
+    }
+}
+
+/// Σₜ x(t, j)·cos(2πmt/T) and Σₜ x(t, j)·sin(2πmt/T) at every angle j, vectorised.
+struct TurnSums<'a> {
+    samples: &'a [f64],
+    turns: usize,
+    /// The weights of all turns for m = 0, then for m = 1 and so on.
+    weights: &'a [Weights],
+    /// The two sums of each m.
+    sums: &'a mut [[Vec<f64>; 2]],
+}
+
+impl WithSimd for TurnSums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let per_turn = self.samples.len() / self.turns;
+        let groups = self.turns.div_ceil(TURNS_AT_ONCE);
+        for first_angle in (0..per_turn).step_by(ANGLES_AT_ONCE) {
+            let angles = first_angle..(first_angle + ANGLES_AT_ONCE).min(per_turn);
+            for group in 0..groups {
+                // A group that is not full has the last turn several times, with the weight zero.
+                let turns: [&[f64]; TURNS_AT_ONCE] = std::array::from_fn(|n| {
+                    let turn = (group * TURNS_AT_ONCE + n).min(self.turns - 1);
+                    &self.samples[turn * per_turn..][angles.clone()]
+                });
+                for (m, [cos, sin]) in self.sums.iter_mut().enumerate() {
+                    let sums = [&mut cos[angles.clone()], &mut sin[angles.clone()]];
+                    add(simd, turns, &self.weights[m * groups + group], sums);
+                }
+            }
+        }
+    }
+}
+
+/// Adds the weighted samples of some turns to both sums.
+#[inline(always)]
+fn add<S: Simd>(simd: S, turns: [&[f64]; TURNS_AT_ONCE], weights: &Weights, sums: [&mut [f64]; 2]) {
+    let [(a, a_rest), (b, b_rest), (c, c_rest), (d, d_rest)] = turns.map(|turn| S::as_simd_f64s(turn));
+    let [(cos, cos_rest), (sin, sin_rest)] = sums.map(|sum| S::as_mut_simd_f64s(sum));
+    let factors = weights.map(|part| part.map(|weight| simd.splat_f64s(weight)));
+    let columns = cos.iter_mut().zip(sin).zip(a).zip(b).zip(c).zip(d);
+    for (((((cos, sin), &a), &b), &c), &d) in columns {
+        for (sum, factors) in [cos, sin].into_iter().zip(&factors) {
+            for (x, &factor) in [a, b, c, d].into_iter().zip(factors) {
+                *sum = simd.mul_add_e_f64s(x, factor, *sum);
+            }
+        }
+    }
+    let columns = cos_rest.iter_mut().zip(sin_rest).zip(a_rest).zip(b_rest).zip(c_rest).zip(d_rest);
+    for (((((cos, sin), &a), &b), &c), &d) in columns {
+        for (sum, weights) in [cos, sin].into_iter().zip(weights) {
+            *sum += [a, b, c, d].iter().zip(weights).map(|(x, weight)| x * weight).sum::<f64>();
+        }
+    }
+}
