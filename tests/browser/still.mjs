@@ -125,6 +125,7 @@ export const CHECKS = {
       const kinds = ["wear", "trends", "spectrum"];
       for (const kind of kinds) await seen(page, kind);
       await page.waitForTimeout(500);
+      assert.equal(await libraries(page), 0, "these drawings are still");
       const before = {};
       for (const kind of kinds) before[kind] = await places(page, kind);
       const height = await page.evaluate(() => document.body.scrollHeight);

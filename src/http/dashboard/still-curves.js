@@ -5,7 +5,7 @@ import { coordinate } from "./still-axes.js";
 
 const FILLS = [undefined, "toself", "tozeroy"];
 
-/** Closed outlines around a place, by the radius `r` of the marker. */
+/** Outlines around a place, by the radius `r` of the marker. */
 const SYMBOLS = {
   circle: (r) => `m${-r} 0a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0z`,
   diamond: (r) => `m${1.3 * r} 0l${-1.3 * r} ${1.3 * r}l${-1.3 * r} ${-1.3 * r}l${1.3 * r} ${-1.3 * r}z`,
@@ -76,7 +76,7 @@ function markers(curve, axes) {
     .join("");
   return svg("path", {
     d,
-    ...(isOpen ? { fill: "none" } : { fill: colour }),
+    fill: isOpen ? "none" : colour,
     stroke: width ? colour : null,
     "stroke-width": width,
   });
