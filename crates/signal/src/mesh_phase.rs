@@ -10,7 +10,7 @@ use rustfft::FftDirection;
 use super::phases::phases_of;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::sums::mean_of;
-use super::transform::{Transforms, fast_length};
+use super::transform::Transforms;
 
 /// Number of harmonics tried; the one that gives the most accurate angle is used.
 const HARMONICS: u32 = 5;
@@ -240,7 +240,7 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        self.analytic_at(fast_length(4 * (last - first + 1)), first, last, transforms)
+        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
     }
 
     /// Like [`analytic`](Self::analytic), with at least two samples per bin.

@@ -33,12 +33,6 @@ pub(super) fn spectrum_length(samples: usize) -> usize {
     length
 }
 
-/// Returns the shortest length of at least `min` that is 5, 6, 7 or 8 times a power of two: at most a quarter
-/// longer, and coarse enough that similar records share a plan.
-pub(super) fn fast_length(min: usize) -> usize {
-    min.next_multiple_of((min.next_power_of_two() / 8).max(1))
-}
-
 fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     for prime in primes {
         while number.is_multiple_of(*prime) {
@@ -184,11 +178,6 @@ mod tests {
             let kept = spectrum_length(length);
             assert!(kept <= length && kept as f64 >= 0.984 * length as f64, "{length} → {kept}");
         }
-    }
-
-    #[test]
-    fn fast_lengths_are_little_longer() {
-        assert_eq!([1, 7, 9, 1024, 1025, 1204, 1537].map(fast_length), [1, 7, 10, 1024, 1280, 1280, 1792]);
     }
 
     #[test]
