@@ -60,12 +60,19 @@ impl Tracker {
         answer.novelty = Some(novelty);
     }
 
+    /// Whether the interval is narrow enough to count as an estimate.
+    pub(super) fn is_identifiable(&self, ensemble: &Ensemble, posterior: &JointPosterior) -> bool {
+        let [low, high] = self.grid.interval_um(&posterior.by_depth());
+        high - low <= MAX_INTERVAL_PART * ensemble.described().max_wear_um()
+    }
+
     /// Returns the answer to a record that wear explains.
     pub(super) fn answer(
         &self,
         ensemble: &Ensemble,
         posterior: &JointPosterior,
         likelihood: &Likelihood,
+        is_identifiable: bool,
     ) -> WearEstimate {
         let library = ensemble.described();
         let probability = posterior.by_depth();
@@ -74,7 +81,7 @@ impl Tracker {
         let least = quantile(0.05);
         let end_um = library.max_wear_um();
         let at_end = high >= self.grid.cell_um(REPORTED - 2)[0];
-        let (status, reason) = if high - low > MAX_INTERVAL_PART * end_um {
+        let (status, reason) = if !is_identifiable {
             (
                 WearStatus::NotIdentifiable,
                 format!("any wear between {low:.0} and {high:.0} µm explains the records"),

@@ -297,12 +297,14 @@ impl Tracker {
         if like_load {
             posterior = posterior.or_depths(&[1.0], LOAD_INSTEAD);
         }
+        // A sudden change widens the interval, and does not take the estimate away.
+        let is_identifiable = self.is_identifiable(ensemble, &posterior);
         let before = tracking.sudden.before().filter(|_| !knows_torque);
         let is_beyond = before.is_some_and(|before| self.is_beyond(&posterior, before));
         if let Some(before) = before {
             posterior = posterior.or_depths(before, LOAD_INSTEAD);
         }
-        let mut answer = self.answer(ensemble, &posterior, &likelihood);
+        let mut answer = self.answer(ensemble, &posterior, &likelihood, is_identifiable);
         let best_um = self.grid.reported_um(likelihood.best.1);
         let by_depth = posterior.by_depth();
         let [low_um, high_um] = [0.05, 0.95].map(|level| self.grid.quantile_um(&by_depth, level));
