@@ -171,4 +171,6 @@ impl Tracker {
 #[cfg(test)]
 mod event_tests;
 #[cfg(test)]
+mod load_tests;
+#[cfg(test)]
 mod tests;

@@ -289,7 +289,6 @@ impl Tracker {
         }
         tracking.drift = drift;
         let mut posterior = self.update_filter(tracking, at, &measured, &likelihood);
-        let knows_torque = features.operating_point.torque_nm.is_some();
         if let Some(groups) = &tracking.hindsight {
             posterior = posterior.with_groups(groups);
         }
@@ -299,7 +298,8 @@ impl Tracker {
         }
         // A sudden change widens the interval, and does not take the estimate away.
         let is_identifiable = self.is_identifiable(ensemble, &posterior);
-        let before = tracking.sudden.before().filter(|_| !knows_torque);
+        let torque_nm = features.operating_point.torque_nm;
+        let before = tracking.sudden.before().filter(|_| torque_nm.is_none());
         let is_beyond = before.is_some_and(|before| self.is_beyond(&posterior, before));
         if let Some(before) = before {
             posterior = posterior.or_depths(before, LOAD_INSTEAD);
