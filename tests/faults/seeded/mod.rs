@@ -122,6 +122,20 @@ fn folder() -> TempDir {
     if memory.is_dir() { tempfile::tempdir_in(memory).unwrap() } else { tempfile::tempdir().unwrap() }
 }
 
+/// Keeps this thread, and the threads that it starts, on one of the processor's cores: they wait for each other
+/// all the time, and waking a thread on another core takes longer than the work between two waits.
+#[cfg(target_os = "linux")]
+fn stay_on_core(n: usize) {
+    use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+    let allowed = sched_getaffinity(None).unwrap();
+    let mut core = CpuSet::new();
+    core.set((0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(n).unwrap());
+    sched_setaffinity(None, &core).unwrap();
+}
+
+#[cfg(not(target_os = "linux"))]
+fn stay_on_core(_: usize) {}
+
 /// `FLANKWATCH_FAULT_SCHEDULES` sets the number of schedules, `FLANKWATCH_FAULT_SEED` the first seed.
 #[test]
 fn every_schedule_keeps_acknowledged_data() {
@@ -133,8 +147,10 @@ fn every_schedule_keeps_acknowledged_data() {
     make_template(template.path(), &sent);
     let began = Instant::now();
     std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
-            scope.spawn(|| {
+        let (next, sent, template) = (&next, &sent, template.path());
+        for core in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(move || {
+                stay_on_core(core);
                 loop {
                     let seed = next.fetch_add(1, Ordering::Relaxed);
                     if seed >= first + schedules {
@@ -144,7 +160,7 @@ fn every_schedule_keeps_acknowledged_data() {
                         eprintln!("{} schedules in {:.0} s", seed - first, began.elapsed().as_secs_f64());
                     }
                     let folder = folder();
-                    let run = || run(seed, template.path(), &sent, folder.path());
+                    let run = || run(seed, template, sent, folder.path());
                     if catch_unwind(AssertUnwindSafe(run)).is_err() {
                         next.store(u64::MAX / 2, Ordering::Relaxed);
                         panic!(

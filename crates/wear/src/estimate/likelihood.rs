@@ -15,6 +15,9 @@ const FREEDOM: f32 = 4.0;
 /// the power 2/(ν + 1).
 const MAX_TAIL: f32 = 200.0;
 
+/// Depths whose products over the lines are in registers together; it divides their number.
+const TOGETHER: usize = 3;
+
 /// Likelihood of a record for all members at all depths.
 pub(super) struct Likelihood {
     /// Logarithm by member and depth, minus the highest.
@@ -46,9 +49,10 @@ impl Likelihood {
 /// A measured line, prepared for the comparison.
 struct ComparedLine {
     change: f32,
-    variance: f32,
     /// Factor on the variances that keeps the product over all lines within the range of single precision.
     factor: f32,
+    /// The line's own variance, multiplied by it.
+    scaled_variance: f32,
     half_log_factor: f32,
 }
 
@@ -56,7 +60,12 @@ impl ComparedLine {
     fn of(line: &MeasuredLine) -> Self {
         let variance = line.variance_after_baseline() as f32;
         let factor = 0.1 / (0.1 + variance);
-        Self { change: line.change as f32, variance, factor, half_log_factor: 0.5 * factor.ln() }
+        Self {
+            change: line.change as f32,
+            factor,
+            scaled_variance: factor * variance,
+            half_log_factor: 0.5 * factor.ln(),
+        }
     }
 }
 
@@ -97,26 +106,30 @@ impl Comparison<'_> {
     /// Logarithm of the likelihood by depth and member of a block, up to a constant.
     #[inline(always)]
     fn log_likelihood(&self, block: &Block<'_>) -> [Lanes; DEPTHS] {
-        let (mut tails, mut spreads) = ([[1.0_f32; LANES]; DEPTHS], [[1.0_f32; LANES]; DEPTHS]);
-        for (index, line) in self.lines.iter().enumerate() {
-            let of_square = line.factor / FREEDOM;
-            for (depth, (tails, spreads)) in tails.iter_mut().zip(&mut spreads).enumerate() {
-                let [expected, variance] = block.expect(index, depth);
+        let mut logs = [[0.0; LANES]; DEPTHS];
+        for (part, logs) in logs.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
+            let (mut tails, mut spreads) = ([[1.0_f32; LANES]; TOGETHER], [[1.0_f32; LANES]; TOGETHER]);
+            for (index, line) in self.lines.iter().enumerate() {
+                let of_square = line.factor / FREEDOM;
+                for depth in 0..TOGETHER {
+                    let [expected, variance] = block.expect(index, part * TOGETHER + depth);
+                    for lane in 0..LANES {
+                        let residual = line.change - expected[lane];
+                        let variance = line.factor * variance[lane] + line.scaled_variance;
+                        let tail = variance + of_square * residual * residual;
+                        tails[depth][lane] *= tail.min(MAX_TAIL * variance);
+                        spreads[depth][lane] *= variance;
+                    }
+                }
+            }
+            // Student's t, with (ν + r²/σ²)/ν as the quotient of both products.
+            for depth in 0..TOGETHER {
                 for lane in 0..LANES {
-                    let residual = line.change - expected[lane];
-                    let variance = line.factor * (variance[lane] + line.variance);
-                    let tail = variance + of_square * residual * residual;
-                    tails[lane] *= tail.min(MAX_TAIL * variance);
-                    spreads[lane] *= variance;
+                    logs[depth][lane] =
+                        0.5 * (FREEDOM * ln(spreads[depth][lane]) - (FREEDOM + 1.0) * ln(tails[depth][lane]));
                 }
             }
         }
-        // Student's t, with (ν + r²/σ²)/ν as the quotient of both products.
-        for (tails, spreads) in tails.iter_mut().zip(spreads) {
-            for lane in 0..LANES {
-                tails[lane] = 0.5 * (FREEDOM * ln(spreads[lane]) - (FREEDOM + 1.0) * ln(tails[lane]));
-            }
-        }
-        tails
+        logs
     }
 }
