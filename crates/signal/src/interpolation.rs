@@ -176,28 +176,30 @@ fn weighted_sums<S: Simd, const POINTS: usize>(
     let samples = samples.map(|samples| S::as_simd_f32s(samples).0);
     let [c0, c1, c2] = rows.each_ref().map(|row| S::as_simd_f32s(row).0);
     let offsets = offsets.map(|offset| simd.splat_f32s(offset));
-    // Two sums for each point, as a sum waits for the one before.
-    let mut sums = [[simd.splat_f32s(0.0); 2]; POINTS];
+    let mut sums = [simd.splat_f32s(0.0); POINTS];
     for (k, ((&c0, &c1), &c2)) in c0.iter().zip(c1).zip(c2).enumerate() {
         for ((sum, &t), samples) in sums.iter_mut().zip(&offsets).zip(samples) {
             let weight = simd.mul_add_e_f32s(c2, t, c1);
             let weight = simd.mul_add_e_f32s(weight, t, c0);
-            sum[k % 2] = simd.mul_add_e_f32s(weight, samples[k], sum[k % 2]);
+            *sum = simd.mul_add_e_f32s(weight, samples[k], *sum);
         }
     }
-    sums.map(|[even, odd]| folded(pulp::bytemuck::cast_slice(&[simd.add_f32s(even, odd)])))
+    sums.map(|sum| folded(pulp::bytemuck::cast_slice(&[sum])))
 }
 
 /// Adds the lanes of a register up to four.
 #[inline(always)]
 fn folded(lanes: &[f32]) -> [f32; PARTIAL_SUMS] {
-    let add = |a: &[f32; 4], b: &[f32; 4]| std::array::from_fn(|n| a[n] + b[n]);
-    match lanes.as_chunks().0 {
-        [a, b, c, d] => add(&add(a, b), &add(c, d)),
-        [a, b] => add(a, b),
-        [a] => *a,
-        _ => std::array::from_fn(|n| lanes.get(n).copied().unwrap_or(0.0)),
+    if let [lanes] = lanes.as_chunks().0 {
+        let lanes: &[f32; 16] = lanes;
+        let halves: [f32; 8] = std::array::from_fn(|n| lanes[n] + lanes[n + 8]);
+        return std::array::from_fn(|n| halves[n] + halves[n + 4]);
     }
+    if let [lanes] = lanes.as_chunks().0 {
+        let lanes: &[f32; 8] = lanes;
+        return std::array::from_fn(|n| lanes[n] + lanes[n + 4]);
+    }
+    std::array::from_fn(|n| lanes.get(n).copied().unwrap_or(0.0))
 }
 
 /// Returns the stride after which points lie at nearly the same offset between two samples, so that the
