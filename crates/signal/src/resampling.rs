@@ -82,7 +82,8 @@ impl Resampler {
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
         centred.resize(samples.len(), 0.0);
-        kernel.arch().dispatch(RemoveMean { samples, centred });
+        let mean = kernel.arch().dispatch(Mean(samples));
+        let mut past_centred = 0;
         steps.clear();
         steps.extend((0..samples_per_turn).map(|j| j as f64 / samples_per_turn as f64));
         positions.resize(samples_per_turn, 0.0);
@@ -99,6 +100,12 @@ impl Resampler {
                 interval: &mut interval,
                 positions,
             });
+            // Turn by turn, as what has just been written is still in the fastest cache.
+            let past_turn = positions.last().map_or(0, |last| *last as usize + 1 + REACH).min(samples.len());
+            let added = past_centred..past_turn.max(past_centred);
+            past_centred = added.end;
+            let (samples, added) = (&samples[added.clone()], &mut centred[added]);
+            kernel.arch().dispatch(RemoveMean { samples, mean, centred: added });
             kernel.interpolate(centred, positions, resampled);
         }
         Ok(AngleRecord {
@@ -121,9 +128,22 @@ impl Resampler {
     }
 }
 
-/// Removal of a record's mean, as plain loops compiled for each instruction set.
+/// The mean of a record, as a plain loop compiled for each instruction set.
+struct Mean<'a>(&'a [f32]);
+
+impl WithSimd for Mean<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        mean_of(self.0, |&x| f64::from(x))
+    }
+}
+
+/// Removal of a record's mean, in the same way.
 struct RemoveMean<'a> {
     samples: &'a [f32],
+    mean: f64,
     centred: &'a mut [f32],
 }
 
@@ -132,9 +152,8 @@ impl WithSimd for RemoveMean<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let mean = mean_of(self.samples, |&x| f64::from(x));
         for (centred, &x) in self.centred.iter_mut().zip(self.samples) {
-            *centred = (f64::from(x) - mean) as f32;
+            *centred = (f64::from(x) - self.mean) as f32;
         }
     }
 }
