@@ -64,7 +64,6 @@ impl AngleRecord {
         let per_turn = self.samples_per_turn;
         let samples = &self.samples[turns.start * per_turn..turns.end * per_turn];
         for (parity, sum) in sums.into_iter().enumerate() {
-            sum.clear();
             sum.resize(per_turn, 0.0);
             Arch::new().dispatch(EverySecondTurn { samples, parity, sum });
         }
@@ -147,7 +146,12 @@ impl WithSimd for EverySecondTurn<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for turn in self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2) {
+        let mut turns = self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2);
+        match turns.next() {
+            Some(first) => self.sum.copy_from_slice(first),
+            None => self.sum.fill(0.0),
+        }
+        for turn in turns {
             for (sum, sample) in self.sum.iter_mut().zip(turn) {
                 *sum += sample;
             }

@@ -21,6 +21,7 @@ const MAX_GROWTH: f64 = 4.0;
 pub(super) struct Resampler {
     /// Interpolator, created when first needed.
     kernel: Option<Kernel>,
+    /// The samples around one turn, the record's mean removed.
     centred: Vec<f32>,
     /// The angles of one turn's samples, in turns.
     steps: Vec<f64>,
@@ -81,9 +82,7 @@ impl Resampler {
         let turns = turns as usize;
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
-        centred.resize(samples.len(), 0.0);
         let mean = kernel.arch().dispatch(Mean(samples));
-        let mut past_centred = 0;
         steps.clear();
         steps.extend((0..samples_per_turn).map(|j| j as f64 / samples_per_turn as f64));
         positions.resize(samples_per_turn, 0.0);
@@ -100,12 +99,11 @@ impl Resampler {
                 interval: &mut interval,
                 positions,
             });
-            // Turn by turn, as what has just been written is still in the fastest cache.
-            let past_turn = positions.last().map_or(0, |last| *last as usize + 1 + REACH).min(samples.len());
-            let added = past_centred..past_turn.max(past_centred);
-            past_centred = added.end;
-            let (samples, added) = (&samples[added.clone()], &mut centred[added]);
-            kernel.arch().dispatch(RemoveMean { samples, mean, centred: added });
+            // A copy of this turn alone stays in the fastest cache.
+            let [from, to] = [positions[0], positions[samples_per_turn - 1]].map(|end| end as usize);
+            let before = from.saturating_sub(REACH);
+            let samples = &samples[before..(to + REACH + 1).min(samples.len())];
+            kernel.arch().dispatch(Centring { samples, mean, before: before as f64, centred, positions });
             kernel.interpolate(centred, positions, resampled);
         }
         Ok(AngleRecord {
@@ -140,20 +138,28 @@ impl WithSimd for Mean<'_> {
     }
 }
 
-/// Removal of a record's mean, in the same way.
-struct RemoveMean<'a> {
+/// A copy of a part of a record with its mean removed, and positions counted from that part's start, in the
+/// same way.
+struct Centring<'a> {
     samples: &'a [f32],
     mean: f64,
-    centred: &'a mut [f32],
+    /// The number of samples before this part.
+    before: f64,
+    centred: &'a mut Vec<f32>,
+    positions: &'a mut [f64],
 }
 
-impl WithSimd for RemoveMean<'_> {
+impl WithSimd for Centring<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        self.centred.resize(self.samples.len(), 0.0);
         for (centred, &x) in self.centred.iter_mut().zip(self.samples) {
             *centred = (f64::from(x) - self.mean) as f32;
+        }
+        for position in self.positions {
+            *position -= self.before;
         }
     }
 }
