@@ -99,8 +99,8 @@ pub(super) fn rms_between(
     Ok(factor * (0.5 * sum / HANN_BANDWIDTH_BINS).sqrt())
 }
 
-/// The sum of the squares of amplitudes, each divided by its bin's number if that of the `first` one is given;
-/// as a plain loop compiled for each instruction set.
+/// The sum of the squares of amplitudes, each divided by its bin's number if that of the `first` one is
+/// given; as a plain loop compiled for each instruction set.
 struct BandSquares<'a> {
     amplitude: &'a [f64],
     first: Option<f64>,

@@ -25,7 +25,7 @@ const COEFFICIENTS: usize = 3;
 const MIN_POINTS_OF_STRIDE: usize = 12;
 
 /// Partial sums of a point that are added up in a second pass, for many points at once: adding all lanes of a
-/// register up point by point would cost as much as a third of the multiplications.
+/// register up point by point takes longer.
 const PARTIAL_SUMS: usize = 4;
 
 /// Adding and subtracting this rounds a number below 2⁵¹ to the nearest whole number, whose bits are the

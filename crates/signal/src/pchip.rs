@@ -153,8 +153,8 @@ impl Piece {
     }
 }
 
-/// Returns how many of the ascending `steps`, which are about evenly spaced, lie below `end`. Counts from where
-/// even spacing has it, as the branches of a binary search are not predictable.
+/// Returns how many of the ascending `steps`, which are about evenly spaced, lie below `end`. Counts from
+/// where even spacing has it, as the branches of a binary search are not predictable.
 #[inline(always)]
 fn count_below(steps: &[f64], end: f64) -> usize {
     let [first, .., last] = steps else { return steps.iter().filter(|step| **step < end).count() };
