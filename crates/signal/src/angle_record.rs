@@ -64,18 +64,37 @@ impl AngleRecord {
         let per_turn = self.samples_per_turn;
         let samples = &self.samples[turns.start * per_turn..turns.end * per_turn];
         for (parity, sum) in sums.into_iter().enumerate() {
-            sum.clear();
             sum.resize(per_turn, 0.0);
             Arch::new().dispatch(EverySecondTurn { samples, parity, sum });
         }
     }
 
     /// Reads the line at order `teeth` of the Hann amplitude spectrum over orders like [`read_line`]; its
-    /// position is in bins.
+    /// position is in bins. Also returns the mean over all turns, which comes with it for nothing.
+    pub(super) fn mesh_line_and_average(
+        &self,
+        teeth: u32,
+        transforms: &mut Transforms,
+    ) -> (Option<LineReading>, Vec<f64>) {
+        let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
+        let line = self.mesh_line(teeth, &mut average, transforms);
+        if average.is_empty() {
+            self.average_into([&mut average, &mut odd]);
+        }
+        transforms.recycle(odd);
+        (line, average)
+    }
+
+    /// Reads the line at order `teeth` and, where that sums over all turns, writes their mean to `average`.
     ///
     /// Computes only the bins around the line. The number of samples differs from record to record and may
     /// have factors that make a full transform slow, and its plan would serve this record only.
-    pub(super) fn mesh_line(&self, teeth: u32, transforms: &mut Transforms) -> Option<LineReading> {
+    fn mesh_line(
+        &self,
+        teeth: u32,
+        average: &mut Vec<f64>,
+        transforms: &mut Transforms,
+    ) -> Option<LineReading> {
         let position = teeth as usize * self.turns;
         let half = self.samples.len() / 2;
         if !fits(position as f64, half + 1) {
@@ -86,7 +105,9 @@ impl AngleRecord {
         if reach > MAX_SUMMED_REACH || position <= reach || position + reach >= half {
             return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
         }
-        let bins = bins_around(self, teeth as usize, reach, transforms);
+        let bins = bins_around(self, teeth as usize, reach, average, transforms);
+        let scale = 1.0 / self.turns as f64;
+        average.iter_mut().for_each(|sum| *sum *= scale);
         let one_sided = 4.0 / self.samples.len() as f64;
         let mut amplitude = [0.0; 2 * MAX_SUMMED_REACH];
         for (amplitude, w) in amplitude.iter_mut().zip(bins.windows(3)) {
@@ -125,7 +146,12 @@ impl WithSimd for EverySecondTurn<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for turn in self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2) {
+        let mut turns = self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2);
+        match turns.next() {
+            Some(first) => self.sum.copy_from_slice(first),
+            None => self.sum.fill(0.0),
+        }
+        for turn in turns {
             for (sum, sample) in self.sum.iter_mut().zip(turn) {
                 *sum += sample;
             }
@@ -158,7 +184,7 @@ mod tests {
             };
             let spectrum = turned.order_spectrum(&mut Transforms::default());
             let want = read_line(&spectrum.amplitude, f64::from(teeth) * turns as f64).unwrap();
-            let got = turned.mesh_line(teeth, &mut Transforms::default()).unwrap();
+            let got = turned.mesh_line_and_average(teeth, &mut Transforms::default()).0.unwrap();
             assert!((got.amplitude / want.amplitude - 1.0).abs() < 1e-11, "{got:?} {want:?}");
             assert!((got.position - want.position).abs() < 1e-9, "{got:?} {want:?}");
         }

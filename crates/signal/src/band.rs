@@ -1,9 +1,13 @@
 //! Root-mean-square values of user-defined frequency bands.
 
+use std::ops::RangeInclusive;
+
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 use super::indicators::NotComputed;
 use super::spectrum::HANN_BANDWIDTH_BINS;
+use super::sums::sum_of;
 use super::velocity::to_mm_per_s;
 
 /// The quantity whose root mean square a band gives.
@@ -85,12 +89,41 @@ pub(super) fn rms_between(
     if first > last {
         return Err(NotComputed::TooShort);
     }
-    let power = |k: usize| {
-        let sides = if 2 * k == samples { 1.0 } else { 0.5 };
-        let omega = if integrates { std::f64::consts::TAU * k as f64 * resolution_hz } else { 1.0 };
-        sides * (amplitude[k] / omega).powi(2) / HANN_BANDWIDTH_BINS
+    let squares = |bins: RangeInclusive<usize>| {
+        let first = integrates.then_some(*bins.start() as f64);
+        Arch::new().dispatch(BandSquares { amplitude: &amplitude[bins], first })
     };
-    Ok(factor * (first..=last).map(power).sum::<f64>().sqrt())
+    // The bin at half the sampling rate has no mirror image.
+    let sum = squares(first..=last) + if 2 * last == samples { squares(last..=last) } else { 0.0 };
+    let factor = if integrates { factor / (std::f64::consts::TAU * resolution_hz) } else { factor };
+    Ok(factor * (0.5 * sum / HANN_BANDWIDTH_BINS).sqrt())
+}
+
+/// The sum of the squares of amplitudes, each divided by its bin's number if that of the `first` one is
+/// given; as a plain loop compiled for each instruction set.
+struct BandSquares<'a> {
+    amplitude: &'a [f64],
+    first: Option<f64>,
+}
+
+impl WithSimd for BandSquares<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Some(mut bin) = self.first else { return sum_of(self.amplitude, |a| a * a) };
+        let (blocks, rest) = self.amplitude.as_chunks::<8>();
+        let mut sums = [0.0; 8];
+        for block in blocks {
+            for (lane, (sum, a)) in sums.iter_mut().zip(block).enumerate() {
+                let integrated = a / (bin + lane as f64);
+                *sum += integrated * integrated;
+            }
+            bin += 8.0;
+        }
+        let rest: f64 = rest.iter().zip(0..).map(|(a, k)| (a / (bin + f64::from(k))).powi(2)).sum();
+        rest + sums.into_iter().sum::<f64>()
+    }
 }
 
 #[cfg(test)]

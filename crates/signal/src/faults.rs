@@ -26,6 +26,9 @@ const NEAR_FRACTION: f32 = 0.01;
 /// This many neighbours are compared at once, as equal ones are rare.
 const STRIDE: usize = 64;
 
+/// Samples at the limits are counted in blocks that stay in the fastest cache.
+const BLOCK: usize = 4096;
+
 /// Returns the fault that makes shape indicators meaningless: a gap filled with one value, or clipping.
 /// `range` is the lowest and the highest sample.
 pub(super) fn fault(samples: &[f32], range: [f32; 2]) -> Option<NotComputed> {
@@ -81,18 +84,30 @@ fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<NotComputed> {
     let range = f64::from(high) - f64::from(low);
     let is_steep =
         |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= MIN_STEP_FRACTION * range;
-    let is_clipped = clipped.into_iter().any(is_steep)
-        || [low, high].into_iter().any(|limit| accumulates_at(samples, limit, high - low));
+    let is_clipped = clipped.into_iter().any(is_steep) || accumulates_at_limit(samples, [low, high]);
     is_clipped.then_some(NotComputed::Clipped)
 }
 
 /// Returns whether samples accumulate at a limit: many more at it than next to it.
 #[inline(always)]
-fn accumulates_at(samples: &[f32], limit: f32, range: f32) -> bool {
-    let at_limit = samples.iter().filter(|&&x| x == limit).count();
-    if at_limit < MIN_LIMIT_SAMPLES {
-        return false;
+fn accumulates_at_limit(samples: &[f32], limits: [f32; 2]) -> bool {
+    let [low, high] = limits;
+    // Both in one pass: there are rarely enough to look further.
+    let (mut at_low, mut at_high) = (0_usize, 0_usize);
+    for block in samples.chunks(BLOCK) {
+        let count = |limit: f32| block.iter().map(|&x| u32::from(x == limit)).sum::<u32>() as usize;
+        at_low += count(low);
+        at_high += count(high);
     }
+    let is_many = |at_limit: usize, limit: f32| {
+        at_limit >= MIN_LIMIT_SAMPLES && outnumbers_neighbours(samples, limit, at_limit, high - low)
+    };
+    is_many(at_low, low) || is_many(at_high, high)
+}
+
+/// Returns whether the samples at a limit outnumber those next to it by far.
+#[inline(always)]
+fn outnumbers_neighbours(samples: &[f32], limit: f32, at_limit: usize, range: f32) -> bool {
     let distance = |x: f32| (x - limit).abs();
     let nearest = samples.iter().filter(|&&x| x != limit).map(|&x| distance(x)).fold(f32::INFINITY, f32::min);
     let reach = nearest.max(NEAR_FRACTION * range);

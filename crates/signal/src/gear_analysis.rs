@@ -75,11 +75,9 @@ impl Analyzer {
         refused: Option<String>,
     ) -> Result<GearAnalysis, NotComputed> {
         let transforms = &mut self.work.transforms;
-        let tracked = angle_record
-            .mesh_line(mesh.teeth, transforms)
-            .map(|line| line.amplitude)
-            .ok_or(NotComputed::AboveNyquist);
-        let signals = split(angle_record, mesh, transforms)?;
+        let (line, average) = angle_record.mesh_line_and_average(mesh.teeth, transforms);
+        let tracked = line.map(|line| line.amplitude).ok_or(NotComputed::AboveNyquist);
+        let signals = split_average(average, angle_record.turns, mesh, transforms)?;
         let angle =
             AngleUsed { source: angle_record.angle, turns: angle_record.turns, tachometer_refused: refused };
         let analysis = GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics);
@@ -96,12 +94,22 @@ pub(super) fn split(
 ) -> Result<GearSignals, NotComputed> {
     let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
     angle_record.average_into([&mut average, &mut odd]);
+    transforms.recycle(odd);
+    split_average(average, angle_record.turns, mesh, transforms)
+}
+
+/// Splits the average of this many turns, and recycles its buffer.
+fn split_average(
+    average: Vec<f64>,
+    turns: usize,
+    mesh: &MeshContext,
+    transforms: &mut Transforms,
+) -> Result<GearSignals, NotComputed> {
     // Lines between two orders were removed before; those near an order cannot be distinguished from it.
-    let near = NEAR_ORDER_BINS / angle_record.turns as f64;
+    let near = NEAR_ORDER_BINS / turns as f64;
     let is_foreign = |order: usize| mesh.others.has_line_near(order as f64, near);
     let signals = GearSignals::split(&average, mesh.teeth, &is_foreign, transforms);
     transforms.recycle(average);
-    transforms.recycle(odd);
     signals.ok_or(NotComputed::AboveNyquist)
 }
 

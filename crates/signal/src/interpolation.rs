@@ -24,7 +24,11 @@ const COEFFICIENTS: usize = 3;
 /// Fewest points on average that follow each other with the same stride.
 const MIN_POINTS_OF_STRIDE: usize = 12;
 
-/// Adding and subtracting this rounds a number below 2³¹ to the nearest whole number, whose bits are the
+/// Partial sums of a point that are added up in a second pass, for many points at once: adding all lanes of a
+/// register up point by point takes longer.
+const PARTIAL_SUMS: usize = 4;
+
+/// Adding and subtracting this rounds a number below 2⁵¹ to the nearest whole number, whose bits are the
 /// lowest of the sum. Unlike a conversion, the compiler vectorises this.
 const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
@@ -35,17 +39,10 @@ static PHASE_TABLE: LazyLock<Box<[Phase; PHASES]>> =
 
 /// Interpolates records and reuses its buffers.
 pub(super) struct Kernel {
-    points: Vec<Point>,
+    parts: Vec<u64>,
+    offsets: Vec<f32>,
+    partial_sums: Vec<[f32; PARTIAL_SUMS]>,
     arch: Arch,
-}
-
-/// Positions of points: the sample before each, the part of the interval, and the offset from −1 to 1 within
-/// that part.
-#[derive(Clone, Copy, Default)]
-struct Point {
-    before: u32,
-    phase: u32,
-    offset: f32,
 }
 
 /// The polynomials of one part of the interval: for each power, in ascending order, the coefficients of all
@@ -83,7 +80,7 @@ impl Phase {
 impl Kernel {
     /// Creates an interpolator with empty buffers.
     pub(super) fn new() -> Self {
-        Self { points: Vec::new(), arch: Arch::new() }
+        Self { parts: Vec::new(), offsets: Vec::new(), partial_sums: Vec::new(), arch: Arch::new() }
     }
 
     /// Returns the instruction set of this processor.
@@ -93,12 +90,16 @@ impl Kernel {
 
     /// Interpolates the signal at `positions`, each at least 16 samples from either end.
     pub(super) fn interpolate(&mut self, samples: &[f32], positions: &[f64], values: &mut [f64]) {
-        self.points.resize(positions.len(), Point::default());
+        self.parts.resize(positions.len(), 0);
+        self.offsets.resize(positions.len(), 0.0);
+        self.partial_sums.resize(positions.len(), [0.0; PARTIAL_SUMS]);
         self.arch.dispatch(Interpolation {
             phases: &PHASE_TABLE,
             samples,
             positions,
-            points: &mut self.points,
+            parts: &mut self.parts,
+            offsets: &mut self.offsets,
+            partial_sums: &mut self.partial_sums,
             values,
         });
     }
@@ -109,7 +110,11 @@ struct Interpolation<'a> {
     phases: &'a [Phase; PHASES],
     samples: &'a [f32],
     positions: &'a [f64],
-    points: &'a mut [Point],
+    /// The part of the record that each point lies in, of which an interval has 128.
+    parts: &'a mut [u64],
+    /// The point's offset from −1 to 1 within its part.
+    offsets: &'a mut [f32],
+    partial_sums: &'a mut [[f32; PARTIAL_SUMS]],
     values: &'a mut [f64],
 }
 
@@ -118,43 +123,43 @@ impl WithSimd for Interpolation<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for (point, position) in self.points.iter_mut().zip(self.positions) {
-            let whole = (position - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET;
-            let scaled = (position - whole) * PHASES as f64;
-            let part = ((scaled - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET).min((PHASES - 1) as f64);
-            point.before = (whole + ROUNDING_OFFSET).to_bits() as u32;
-            point.phase = (part + ROUNDING_OFFSET).to_bits() as u32;
-            point.offset = (2.0 * (scaled - part) - 1.0) as f32;
+        for ((part, offset), position) in self.parts.iter_mut().zip(&mut *self.offsets).zip(self.positions) {
+            let scaled = position * PHASES as f64;
+            let rounded = scaled - 0.5 + ROUNDING_OFFSET;
+            *part = rounded.to_bits();
+            *offset = (2.0 * (scaled - (rounded - ROUNDING_OFFSET)) - 1.0) as f32;
         }
         // A separate loop, as the inputs of all points are ready and several points can be computed at once.
-        let count = self.values.len().min(self.points.len());
-        let (points, values) = (&self.points[..count], &mut self.values[..count]);
+        let count = self.values.len().min(self.parts.len());
+        let (parts, offsets) = (&self.parts[..count], &self.offsets[..count]);
+        let sums = &mut self.partial_sums[..count];
         let stride = stride(self.positions);
-        let around = |point: &Point| &self.samples[point.before as usize + 1 - REACH..][..TAPS];
+        let around = |part: u64| {
+            let before = ((part - ROUNDING_OFFSET.to_bits()) / PHASES as u64) as usize;
+            &self.samples[before + 1 - REACH..][..TAPS]
+        };
+        let phase = |part: u64| part as usize % PHASES;
         for first in 0..stride {
             let mut at = first;
             while at < count {
-                let point = points[at];
-                let phase = &self.phases[point.phase as usize % PHASES];
+                let part = parts[at];
+                let weights = &self.phases[phase(part)];
                 let next = at + stride;
-                if let Some(other) = points.get(next)
-                    && other.phase == point.phase
+                if let Some(&other) = parts.get(next)
+                    && phase(other) == phase(part)
                 {
-                    let [sum, next_sum] = weighted_sums(
-                        simd,
-                        phase,
-                        [around(&point), around(other)],
-                        [point.offset, other.offset],
-                    );
-                    values[at] = sum.into();
-                    values[next] = next_sum.into();
+                    let samples = [around(part), around(other)];
+                    let offsets = [offsets[at], offsets[next]];
+                    [sums[at], sums[next]] = weighted_sums(simd, weights, samples, offsets);
                     at = next + stride;
                 } else {
-                    let [sum] = weighted_sums(simd, phase, [around(&point)], [point.offset]);
-                    values[at] = sum.into();
+                    [sums[at]] = weighted_sums(simd, weights, [around(part)], [offsets[at]]);
                     at = next;
                 }
             }
+        }
+        for (value, [a, b, c, d]) in self.values.iter_mut().zip(sums) {
+            *value = ((*a + *b) + (*c + *d)).into();
         }
     }
 }
@@ -166,21 +171,35 @@ fn weighted_sums<S: Simd, const POINTS: usize>(
     Phase(rows): &Phase,
     samples: [&[f32]; POINTS],
     offsets: [f32; POINTS],
-) -> [f32; POINTS] {
+) -> [[f32; PARTIAL_SUMS]; POINTS] {
     // The lane count of every register type divides 32: there is no remainder.
     let samples = samples.map(|samples| S::as_simd_f32s(samples).0);
     let [c0, c1, c2] = rows.each_ref().map(|row| S::as_simd_f32s(row).0);
     let offsets = offsets.map(|offset| simd.splat_f32s(offset));
-    // Two sums for each point, as a sum waits for the one before.
-    let mut sums = [[simd.splat_f32s(0.0); 2]; POINTS];
+    let mut sums = [simd.splat_f32s(0.0); POINTS];
     for (k, ((&c0, &c1), &c2)) in c0.iter().zip(c1).zip(c2).enumerate() {
         for ((sum, &t), samples) in sums.iter_mut().zip(&offsets).zip(samples) {
             let weight = simd.mul_add_e_f32s(c2, t, c1);
             let weight = simd.mul_add_e_f32s(weight, t, c0);
-            sum[k % 2] = simd.mul_add_e_f32s(weight, samples[k], sum[k % 2]);
+            *sum = simd.mul_add_e_f32s(weight, samples[k], *sum);
         }
     }
-    sums.map(|[even, odd]| simd.reduce_sum_f32s(simd.add_f32s(even, odd)))
+    sums.map(|sum| folded(pulp::bytemuck::cast_slice(&[sum])))
+}
+
+/// Adds the lanes of a register up to four.
+#[inline(always)]
+fn folded(lanes: &[f32]) -> [f32; PARTIAL_SUMS] {
+    if let [lanes] = lanes.as_chunks().0 {
+        let lanes: &[f32; 16] = lanes;
+        let halves: [f32; 8] = std::array::from_fn(|n| lanes[n] + lanes[n + 8]);
+        return std::array::from_fn(|n| halves[n] + halves[n + 4]);
+    }
+    if let [lanes] = lanes.as_chunks().0 {
+        let lanes: &[f32; 8] = lanes;
+        return std::array::from_fn(|n| lanes[n] + lanes[n + 4]);
+    }
+    std::array::from_fn(|n| lanes.get(n).copied().unwrap_or(0.0))
 }
 
 /// Returns the stride after which points lie at nearly the same offset between two samples, so that the

@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 use rustfft::FftDirection;
 
-use super::phases::phases_of;
+use super::phases::{add_phase_steps, phases_of};
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::sums::mean_of;
 use super::transform::Transforms;
@@ -141,7 +141,7 @@ impl MeshBand<'_> {
         let samples = signal.len();
         let turn = (samples as f64 / shaft_bins).round().max(1.0) as usize;
         let (mut phase, mut derotated) = (transforms.buffer(), transforms.complex_buffer());
-        let (mut line, mut steps) = (transforms.complex_buffer(), transforms.complex_buffer());
+        let mut line = transforms.complex_buffer();
         match ahead_periods {
             None => derotate_by_frequency(&signal, turn, &mut phase, &mut derotated, transforms),
             Some(ahead_periods) => {
@@ -154,21 +154,22 @@ impl MeshBand<'_> {
         }
         let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
         let mut increments = transforms.buffer();
+        increments.resize(samples - 1, 0.0);
+        let mut left = 0.0;
         low_pass(&derotated, reach_bins, &mut line, transforms);
         for step in 0..ITERATIONS {
             if step > 0 {
                 derotate_by_phase(&mut derotated, &mut line);
                 low_pass(&derotated, reach_bins, &mut line, transforms);
             }
-            let mut left = line[0].arg();
-            phase[0] += left;
-            steps.clear();
-            steps.extend(line.windows(2).map(|pair| pair[1] * pair[0].conj()));
-            phases_of(&steps, &mut increments);
-            for (phase, step) in phase[1..].iter_mut().zip(&increments) {
-                left += step;
-                *phase += left;
-            }
+            left += line[0].arg();
+            add_phase_steps(&line, &mut increments);
+        }
+        // Once for all iterations, as each addition waits for the one before.
+        phase[0] += left;
+        for (phase, step) in phase[1..].iter_mut().zip(&increments) {
+            left += step;
+            *phase += left;
         }
         let margin = (UNSETTLED_TURNS * turn as f64) as usize;
         let settled = margin..samples.saturating_sub(margin);
@@ -183,7 +184,7 @@ impl MeshBand<'_> {
             let lowest = line.iter().map(Complex::norm_sqr).fold(f64::INFINITY, f64::min).sqrt();
             ((line_power / background).sqrt(), lowest >= MIN_LINE_FRACTION * line_power.sqrt())
         });
-        for buffer in [signal, derotated, line, steps] {
+        for buffer in [signal, derotated, line] {
             transforms.recycle_complex(buffer);
         }
         transforms.recycle(increments);
@@ -326,20 +327,17 @@ fn derotate_by_frequency(
     let around = |j: usize| sums[(j + 1 + half).min(sums.len() - 1)] - sums[j.saturating_sub(half)];
     steps.extend((0..signal.len() - 1).map(around));
     phases_of(&steps, phase);
-    let mut total = 0.0;
-    for phase in phase.iter_mut() {
-        total += *phase;
-        *phase = total;
-    }
-    phase.insert(0, 0.0);
     // The rotation is accumulated step by step, without a sine.
     Arch::new().dispatch(UnitPhasors(&mut steps));
-    let mut rotation = Complex::new(1.0, 0.0);
+    let (mut total, mut rotation) = (0.0, Complex::new(1.0, 0.0));
     derotated.push(signal[0]);
-    derotated.extend(signal[1..].iter().zip(&steps).map(|(z, step)| {
+    derotated.extend(signal[1..].iter().zip(&steps).zip(phase.iter_mut()).map(|((z, step), phase)| {
+        total += *phase;
+        *phase = total;
         rotation *= step.conj();
         z * rotation
     }));
+    phase.insert(0, 0.0);
     transforms.recycle_complex(sums);
     transforms.recycle_complex(steps);
 }
@@ -347,9 +345,24 @@ fn derotate_by_frequency(
 /// Derotates each sample by the phase of `line`, the latest addition to the tracked phase; leaves phasors of
 /// modulus 1 in `line`.
 fn derotate_by_phase(signal: &mut [Complex<f64>], line: &mut [Complex<f64>]) {
-    Arch::new().dispatch(UnitPhasors(line));
-    for (z, line) in signal.iter_mut().zip(line) {
-        *z *= line.conj();
+    Arch::new().dispatch(Derotation { signal, line });
+}
+
+/// That, as plain loops compiled for each instruction set.
+struct Derotation<'a> {
+    signal: &'a mut [Complex<f64>],
+    line: &'a mut [Complex<f64>],
+}
+
+impl WithSimd for Derotation<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        UnitPhasors(self.line).with_simd(simd);
+        for (z, line) in self.signal.iter_mut().zip(self.line) {
+            *z *= line.conj();
+        }
     }
 }
 
@@ -382,9 +395,11 @@ fn low_pass(
     line.extend_from_slice(signal);
     transforms.complex(line, FftDirection::Forward);
     let scale = 1.0 / signal.len() as f64;
-    let last = signal.len() - 1;
-    for (k, bin) in line.iter_mut().enumerate() {
-        *bin = if k <= reach || last - k < reach { *bin * scale } else { Complex::default() };
-    }
+    // The bins from zero up, the rest, and those from zero down.
+    let above = (reach + 1).min(line.len());
+    let below = line.len().saturating_sub(reach).max(above);
+    line[..above].iter_mut().for_each(|bin| *bin *= scale);
+    line[above..below].fill(Complex::default());
+    line[below..].iter_mut().for_each(|bin| *bin *= scale);
     transforms.complex(line, FftDirection::Inverse);
 }

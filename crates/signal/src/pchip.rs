@@ -123,7 +123,7 @@ impl Pchip {
         while let Some(first) = steps.first() {
             self.seek(from + first, interval);
             let end = self.pieces.get(*interval + 1).map_or(f64::INFINITY, |next| next.begin);
-            let count = steps.partition_point(|step| from + step < end).max(1);
+            let count = count_below(steps, end - from).max(1);
             let [constant, linear, square, cube] = self.pieces[*interval].coefficients().map(|c| scale * c);
             let (begin, per_width) = (self.pieces[*interval].begin, self.pieces[*interval].width.recip());
             let (here, rest) = values.split_at_mut(count);
@@ -151,6 +151,22 @@ impl Piece {
         let [first, last] = self.slopes.map(|slope| self.width * slope);
         [self.value, first, 3.0 * self.rise - 2.0 * first - last, first + last - 2.0 * self.rise]
     }
+}
+
+/// Returns how many of the ascending `steps`, which are about evenly spaced, lie below `end`. Counts from
+/// where even spacing has it, as the branches of a binary search are not predictable.
+#[inline(always)]
+fn count_below(steps: &[f64], end: f64) -> usize {
+    let [first, .., last] = steps else { return steps.iter().filter(|step| **step < end).count() };
+    let per_step = (steps.len() - 1) as f64 / (last - first);
+    let mut count = (((end - first) * per_step) as usize).min(steps.len());
+    while count > 0 && steps[count - 1] >= end {
+        count -= 1;
+    }
+    while count < steps.len() && steps[count] < end {
+        count += 1;
+    }
+    count
 }
 
 /// Three-point slope at an end, limited to preserve monotonicity.

@@ -32,6 +32,27 @@ pub(super) fn phases_of(values: &[Complex<f64>], phases: &mut Vec<f64>) {
     Arch::new().dispatch(Phases { values, phases });
 }
 
+/// Adds the phase from each value to the next one, from −π to π, to `steps`.
+pub(super) fn add_phase_steps(values: &[Complex<f64>], steps: &mut [f64]) {
+    Arch::new().dispatch(PhaseSteps { values, steps });
+}
+
+struct PhaseSteps<'a> {
+    values: &'a [Complex<f64>],
+    steps: &'a mut [f64],
+}
+
+impl WithSimd for PhaseSteps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (step, pair) in self.steps.iter_mut().zip(self.values.windows(2)) {
+            *step += phase_of(pair[1] * pair[0].conj());
+        }
+    }
+}
+
 struct Phases<'a> {
     values: &'a [Complex<f64>],
     phases: &'a mut [f64],

@@ -21,6 +21,7 @@ const MAX_GROWTH: f64 = 4.0;
 pub(super) struct Resampler {
     /// Interpolator, created when first needed.
     kernel: Option<Kernel>,
+    /// The samples around one turn, the record's mean removed.
     centred: Vec<f32>,
     /// The angles of one turn's samples, in turns.
     steps: Vec<f64>,
@@ -81,8 +82,7 @@ impl Resampler {
         let turns = turns as usize;
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
-        centred.resize(samples.len(), 0.0);
-        kernel.arch().dispatch(RemoveMean { samples, centred });
+        let mean = kernel.arch().dispatch(Mean(samples));
         steps.clear();
         steps.extend((0..samples_per_turn).map(|j| j as f64 / samples_per_turn as f64));
         positions.resize(samples_per_turn, 0.0);
@@ -99,6 +99,11 @@ impl Resampler {
                 interval: &mut interval,
                 positions,
             });
+            // A copy of this turn alone stays in the fastest cache.
+            let [from, to] = [positions[0], positions[samples_per_turn - 1]].map(|end| end as usize);
+            let before = from.saturating_sub(REACH);
+            let samples = &samples[before..(to + REACH + 1).min(samples.len())];
+            kernel.arch().dispatch(Centring { samples, mean, before: before as f64, centred, positions });
             kernel.interpolate(centred, positions, resampled);
         }
         Ok(AngleRecord {
@@ -121,20 +126,40 @@ impl Resampler {
     }
 }
 
-/// Removal of a record's mean, as plain loops compiled for each instruction set.
-struct RemoveMean<'a> {
-    samples: &'a [f32],
-    centred: &'a mut [f32],
+/// The mean of a record, as a plain loop compiled for each instruction set.
+struct Mean<'a>(&'a [f32]);
+
+impl WithSimd for Mean<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        mean_of(self.0, |&x| f64::from(x))
+    }
 }
 
-impl WithSimd for RemoveMean<'_> {
+/// A copy of a part of a record with its mean removed, and positions counted from that part's start, in the
+/// same way.
+struct Centring<'a> {
+    samples: &'a [f32],
+    mean: f64,
+    /// The number of samples before this part.
+    before: f64,
+    centred: &'a mut Vec<f32>,
+    positions: &'a mut [f64],
+}
+
+impl WithSimd for Centring<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let mean = mean_of(self.samples, |&x| f64::from(x));
+        self.centred.resize(self.samples.len(), 0.0);
         for (centred, &x) in self.centred.iter_mut().zip(self.samples) {
-            *centred = (f64::from(x) - mean) as f32;
+            *centred = (f64::from(x) - self.mean) as f32;
+        }
+        for position in self.positions {
+            *position -= self.before;
         }
     }
 }

@@ -21,11 +21,13 @@ const ANGLES_AT_ONCE: usize = 256;
 /// The weights of some turns: cos(2πmt/T) and sin(2πmt/T).
 type Weights = [[f64; TURNS_AT_ONCE]; 2];
 
-/// Returns the bins within `reach` of a shaft's order, of the transform without a window.
+/// Returns the bins within `reach` of a shaft's order, of the transform without a window. Leaves the sum over
+/// all turns in `turn_sum`.
 pub(super) fn bins_around(
     record: &AngleRecord,
     order: usize,
     reach: usize,
+    turn_sum: &mut Vec<f64>,
     transforms: &mut Transforms,
 ) -> Vec<Complex<f64>> {
     let (total, per_turn, turns) = (record.samples.len(), record.samples_per_turn, record.turns);
@@ -58,6 +60,8 @@ pub(super) fn bins_around(
         bins[reach + m] = even - odd * Complex::i();
         bins[reach - m] = even + odd * Complex::i();
     }
+    // The weights of m = 0 are one.
+    std::mem::swap(turn_sum, &mut sums[0][0]);
     sums.into_iter().flatten().for_each(|sum| transforms.recycle(sum));
     [wave, part, roots].into_iter().for_each(|buffer| transforms.recycle_complex(buffer));
     bins
@@ -102,32 +106,40 @@ impl WithSimd for TurnSums<'_> {
                     &self.samples[turn * per_turn..][angles.clone()]
                 });
                 for (m, [cos, sin]) in self.sums.iter_mut().enumerate() {
-                    let sums = [&mut cos[angles.clone()], &mut sin[angles.clone()]];
-                    add(simd, turns, &self.weights[m * groups + group], sums);
+                    let weights = &self.weights[m * groups + group];
+                    let (cos, sin) = (&mut cos[angles.clone()], &mut sin[angles.clone()]);
+                    match m {
+                        // The sines are zero.
+                        0 => add(simd, turns, [&weights[0]], [cos]),
+                        _ => add(simd, turns, weights.each_ref(), [cos, sin]),
+                    }
                 }
             }
         }
     }
 }
 
-/// Adds the weighted samples of some turns to both sums.
+/// Adds the weighted samples of some turns to each sum.
 #[inline(always)]
-fn add<S: Simd>(simd: S, turns: [&[f64]; TURNS_AT_ONCE], weights: &Weights, sums: [&mut [f64]; 2]) {
+fn add<S: Simd, const SUMS: usize>(
+    simd: S,
+    turns: [&[f64]; TURNS_AT_ONCE],
+    weights: [&[f64; TURNS_AT_ONCE]; SUMS],
+    sums: [&mut [f64]; SUMS],
+) {
     let [(a, a_rest), (b, b_rest), (c, c_rest), (d, d_rest)] = turns.map(|turn| S::as_simd_f64s(turn));
-    let [(cos, cos_rest), (sin, sin_rest)] = sums.map(|sum| S::as_mut_simd_f64s(sum));
+    let mut sums = sums.map(|sum| S::as_mut_simd_f64s(sum));
     let factors = weights.map(|part| part.map(|weight| simd.splat_f64s(weight)));
-    let columns = cos.iter_mut().zip(sin).zip(a).zip(b).zip(c).zip(d);
-    for (((((cos, sin), &a), &b), &c), &d) in columns {
-        for (sum, factors) in [cos, sin].into_iter().zip(&factors) {
+    for (n, (((&a, &b), &c), &d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
+        for ((sum, _), factors) in sums.iter_mut().zip(&factors) {
             for (x, &factor) in [a, b, c, d].into_iter().zip(factors) {
-                *sum = simd.mul_add_e_f64s(x, factor, *sum);
+                sum[n] = simd.mul_add_e_f64s(x, factor, sum[n]);
             }
         }
     }
-    let columns = cos_rest.iter_mut().zip(sin_rest).zip(a_rest).zip(b_rest).zip(c_rest).zip(d_rest);
-    for (((((cos, sin), &a), &b), &c), &d) in columns {
-        for (sum, weights) in [cos, sin].into_iter().zip(weights) {
-            *sum += [a, b, c, d].iter().zip(weights).map(|(x, weight)| x * weight).sum::<f64>();
+    for (n, (((a, b), c), d)) in a_rest.iter().zip(b_rest).zip(c_rest).zip(d_rest).enumerate() {
+        for ((_, sum), weights) in sums.iter_mut().zip(weights) {
+            sum[n] += [a, b, c, d].into_iter().zip(weights).map(|(x, weight)| x * weight).sum::<f64>();
         }
     }
 }
