@@ -12,7 +12,7 @@ use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::sums::mean_of;
 use super::transform::Transforms;
 
-/// Number of harmonics tried; the one that gives the most accurate angle is used.
+/// Number of harmonics tried; the one that promises the most accurate angle is used.
 const HARMONICS: u32 = 5;
 
 /// Number of harmonics tried if the speed fluctuation is known roughly.
@@ -90,12 +90,12 @@ impl MeshBand<'_> {
         transforms: &mut Transforms,
     ) -> Option<ShaftAngle> {
         let shaft_hz = self.mesh_hz / f64::from(self.teeth);
-        let tracked = (1..=HARMONICS_WITH_ESTIMATE).filter_map(|harmonic| {
+        let begun = (1..=HARMONICS_WITH_ESTIMATE).filter_map(|harmonic| {
             let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
-            self.track_harmonic(harmonic, reach_hz, Some(ahead_periods), transforms)
+            self.begin(harmonic, reach_hz, Some(ahead_periods), transforms)
         });
-        let tracked = tracked.collect();
-        self.best(tracked, transforms)
+        let begun = begun.collect();
+        self.best(begun, transforms)
     }
 
     fn track(
@@ -103,20 +103,17 @@ impl MeshBand<'_> {
         reach_hz: impl Fn(f64) -> Option<f64>,
         transforms: &mut Transforms,
     ) -> Option<ShaftAngle> {
-        let tracked = (1..=HARMONICS).filter_map(|harmonic| {
-            self.track_harmonic(harmonic, reach_hz(f64::from(harmonic))?, None, transforms)
-        });
-        let tracked = tracked.collect();
-        self.best(tracked, transforms)
+        let begun = (1..=HARMONICS)
+            .filter_map(|harmonic| self.begin(harmonic, reach_hz(f64::from(harmonic))?, None, transforms));
+        let begun = begun.collect();
+        self.best(begun, transforms)
     }
 
-    /// Tracks one harmonic in the band of ± `reach_hz` around its expected frequency.
+    /// Begins to track one harmonic in the band of ± `reach_hz` around its expected frequency.
     ///
     /// The band's analytic signal at a low sampling rate gives a frequency over one turn at a time, weighted
-    /// by power, and from that a first phase. The phase of the signal relative to it, below 0.45 shaft rates,
-    /// is added, three times: each iteration brings the line closer to zero frequency, where sidebands no
-    /// longer pass. If `ahead_periods` is known, it gives the first phase instead.
-    fn track_harmonic(
+    /// by power, and from that a first phase. If `ahead_periods` is known, it gives the first phase instead.
+    fn begin(
         &self,
         harmonic: u32,
         reach_hz: f64,
@@ -137,11 +134,14 @@ impl MeshBand<'_> {
             return None;
         }
         let (first, last) = (first as usize, last as usize);
-        let signal = self.analytic(first, last, transforms);
-        let samples = signal.len();
+        let samples = analytic_length(first, last);
         let turn = (samples as f64 / shaft_bins).round().max(1.0) as usize;
+        let margin = (UNSETTLED_TURNS * turn as f64) as usize;
+        if samples < 2 * margin + 2 {
+            return None;
+        }
+        let signal = self.analytic(first, last, transforms);
         let (mut phase, mut derotated) = (transforms.buffer(), transforms.complex_buffer());
-        let mut line = transforms.complex_buffer();
         match ahead_periods {
             None => derotate_by_frequency(&signal, turn, &mut phase, &mut derotated, transforms),
             Some(ahead_periods) => {
@@ -152,71 +152,49 @@ impl MeshBand<'_> {
                     .extend(signal.iter().zip(&phase).map(|(z, phase)| z * Complex::from_polar(1.0, -phase)));
             }
         }
-        let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
-        let mut increments = transforms.buffer();
-        increments.resize(samples - 1, 0.0);
-        let mut left = 0.0;
-        low_pass(&derotated, reach_bins, &mut line, transforms);
-        for step in 0..ITERATIONS {
-            if step > 0 {
-                derotate_by_phase(&mut derotated, &mut line);
-                low_pass(&derotated, reach_bins, &mut line, transforms);
-            }
-            left += line[0].arg();
-            add_phase_steps(&line, &mut increments);
-        }
-        // Once for all iterations, as each addition waits for the one before.
-        phase[0] += left;
-        for (phase, step) in phase[1..].iter_mut().zip(&increments) {
-            left += step;
-            *phase += left;
-        }
-        let margin = (UNSETTLED_TURNS * turn as f64) as usize;
-        let settled = margin..samples.saturating_sub(margin);
-        let quality = (settled.len() >= 2).then(|| {
-            let (line, signal) = (&line[settled.clone()], &signal[settled]);
-            let line_power = mean_of(line, Complex::norm_sqr);
-            let rest = (mean_of(signal, Complex::norm_sqr) - line_power).max(0.0);
-            let line_bins = (2 * reach_bins + 1) as f64;
-            let other_bins = ((last - first + 1) as f64 - line_bins).max(1.0);
-            // A computed signal may be exactly zero outside its line.
-            let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
-            let lowest = line.iter().map(Complex::norm_sqr).fold(f64::INFINITY, f64::min).sqrt();
-            ((line_power / background).sqrt(), lowest >= MIN_LINE_FRACTION * line_power.sqrt())
-        });
-        for buffer in [signal, derotated, line] {
-            transforms.recycle_complex(buffer);
-        }
-        transforms.recycle(increments);
-        match quality {
-            Some((ratio, true)) if ratio >= MIN_RATIO => {
-                Some(TrackedHarmonic { harmonic, ratio, orders, first, margin, phase })
-            }
-            _ => {
-                transforms.recycle(phase);
-                None
-            }
-        }
+        let mut begun = TrackedHarmonic {
+            harmonic,
+            ratio: 0.0,
+            orders,
+            first,
+            bins: last - first + 1,
+            reach_bins: (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize,
+            margin,
+            power: mean_of(&signal[margin..samples - margin], Complex::norm_sqr),
+            phase,
+            derotated,
+            line: transforms.complex_buffer(),
+            is_finished: false,
+        };
+        transforms.recycle_complex(signal);
+        begun.low_pass(transforms);
+        Some(begun)
     }
 
-    /// Returns the angle from the harmonic with the best tracking quality.
-    fn best(&self, mut tracked: Vec<TrackedHarmonic>, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    /// Returns the angle from the harmonic with the best tracking quality. The first low-pass shows it almost
+    /// as well as the last one, so a harmonic is tracked to the end only when it is the best one.
+    fn best(&self, mut begun: Vec<TrackedHarmonic>, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let mut angle = None;
         while angle.is_none()
-            && let Some((index, _)) = tracked.iter().enumerate().max_by(|(_, a), (_, b)| a.cmp(b))
+            && let Some((index, _)) = begun.iter().enumerate().max_by(|(_, a), (_, b)| a.cmp(b))
         {
-            let best = tracked.remove(index);
-            angle = self.angle(&best);
-            transforms.recycle(best.phase);
+            if !begun[index].is_finished && begun[index].finish(transforms) {
+                continue;
+            }
+            let best = begun.remove(index);
+            if best.is_finished {
+                angle = self.angle(&best);
+            }
+            best.recycle(transforms);
         }
-        for other in tracked {
-            transforms.recycle(other.phase);
+        for other in begun {
+            other.recycle(transforms);
         }
         angle
     }
 
     fn angle(&self, tracked: &TrackedHarmonic) -> Option<ShaftAngle> {
-        let TrackedHarmonic { harmonic, ratio, orders, first, margin, phase } = tracked;
+        let TrackedHarmonic { harmonic, ratio, orders, first, margin, phase, .. } = tracked;
         let duration_s = self.length as f64 / self.sample_rate_hz;
         let samples = phase.len();
         let settled = *margin..samples - margin;
@@ -241,7 +219,7 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
+        self.analytic_at(analytic_length(first, last), first, last, transforms)
     }
 
     /// Like [`analytic`](Self::analytic), with at least two samples per bin.
@@ -273,22 +251,87 @@ impl MeshBand<'_> {
     }
 }
 
-/// A harmonic that stands out, and its phase.
+/// Number of samples of the analytic signal of the bins `first` to `last`.
+fn analytic_length(first: usize, last: usize) -> usize {
+    (4 * (last - first + 1)).next_power_of_two()
+}
+
+/// A harmonic that is tracked, and its phase.
 struct TrackedHarmonic {
     harmonic: u32,
     /// Amplitude ratio of the line to the background.
     ratio: f64,
     /// Periods of the harmonic per turn of the shaft.
     orders: f64,
-    /// First bin of the band.
+    /// First bin of the band, and number of its bins.
     first: usize,
+    bins: usize,
+    /// Largest distance of the line's bins from zero.
+    reach_bins: usize,
     /// Samples discarded at each end.
     margin: usize,
+    /// Mean square of the band's signal without these.
+    power: f64,
     /// Phase per sample of the band's signal.
     phase: Vec<f64>,
+    /// The band's signal relative to its phase so far.
+    derotated: Vec<Complex<f64>>,
+    /// The line in it.
+    line: Vec<Complex<f64>>,
+    /// Whether the phase is complete and the line is clear.
+    is_finished: bool,
 }
 
 impl TrackedHarmonic {
+    /// Completes the phase. Returns whether the line stands out and is not lost anywhere.
+    ///
+    /// The phase of the signal relative to the first one, below 0.45 shaft rates, is added, three times: each
+    /// iteration brings the line closer to zero frequency, where sidebands no longer pass.
+    fn finish(&mut self, transforms: &mut Transforms) -> bool {
+        let mut increments = transforms.buffer();
+        increments.resize(self.line.len() - 1, 0.0);
+        let mut left = 0.0;
+        for step in 0..ITERATIONS {
+            if step > 0 {
+                derotate_by_phase(&mut self.derotated, &mut self.line);
+                self.low_pass(transforms);
+            }
+            left += self.line[0].arg();
+            add_phase_steps(&self.line, &mut increments);
+        }
+        // Once for all iterations, as each addition waits for the one before.
+        self.phase[0] += left;
+        for (phase, step) in self.phase[1..].iter_mut().zip(&increments) {
+            left += step;
+            *phase += left;
+        }
+        transforms.recycle(increments);
+        let line = &self.line[self.margin..self.line.len() - self.margin];
+        let lowest = line.iter().map(Complex::norm_sqr).fold(f64::INFINITY, f64::min).sqrt();
+        let is_lost = lowest < MIN_LINE_FRACTION * mean_of(line, Complex::norm_sqr).sqrt();
+        self.is_finished = self.ratio >= MIN_RATIO && !is_lost;
+        self.is_finished
+    }
+
+    /// Low-passes the derotated signal and compares the line with the rest of the band.
+    fn low_pass(&mut self, transforms: &mut Transforms) {
+        low_pass(&self.derotated, self.reach_bins, &mut self.line, transforms);
+        let line = &self.line[self.margin..self.line.len() - self.margin];
+        let line_power = mean_of(line, Complex::norm_sqr);
+        let rest = (self.power - line_power).max(0.0);
+        let line_bins = (2 * self.reach_bins + 1) as f64;
+        let other_bins = (self.bins as f64 - line_bins).max(1.0);
+        // A computed signal may be exactly zero outside its line.
+        let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
+        self.ratio = (line_power / background).sqrt();
+    }
+
+    fn recycle(self, transforms: &mut Transforms) {
+        transforms.recycle(self.phase);
+        transforms.recycle_complex(self.derotated);
+        transforms.recycle_complex(self.line);
+    }
+
     fn angle_error_deg(&self) -> f64 {
         360.0 / (TAU * self.orders * self.ratio * 2.0_f64.sqrt())
     }

@@ -42,8 +42,8 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     number == 1
 }
 
-/// Number of cached buffers of each type.
-const MAX_BUFFERS: usize = 16;
+/// Number of cached buffers of each type: two for each of ten harmonics that are tracked, and some more.
+const MAX_BUFFERS: usize = 24;
 
 /// Transform plans, most recently used first, and reusable buffers.
 pub(super) struct Transforms {
