@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::weak_tooth;
+use super::uneven_teeth::{self, UnevenTeeth};
 use flankwatch_gear::{FlankWear, GearError, MeshCycle, PairSpec, RunSettings};
 
 /// Positions of the mesh cycle that the dynamics use.
@@ -86,7 +86,10 @@ impl Bank {
             };
             let samples = match plan.weak_tooth {
                 None => flankwatch_gear::simulate(&pair, &cycle, &run)?,
-                Some(loss) => weak_tooth::simulate(&pair, &cycle, &run, loss),
+                Some(loss) => {
+                    let teeth = UnevenTeeth { loss, ..UnevenTeeth::default() };
+                    uneven_teeth::simulate(&pair, &cycle, &run, teeth)
+                }
             };
             Ok(Vibration {
                 wear_um,

@@ -10,7 +10,7 @@ mod run;
 mod score;
 mod sensor;
 mod single_indicators;
-mod weak_tooth;
+mod uneven_teeth;
 
 use std::sync::Arc;
 

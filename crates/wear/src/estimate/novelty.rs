@@ -6,7 +6,7 @@ use std::f64::consts::SQRT_2;
 
 use serde::{Deserialize, Serialize};
 
-use self::signs::TEETH;
+pub(super) use self::signs::TEETH;
 pub use self::signs::{MachineSign, SensorFault};
 use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};

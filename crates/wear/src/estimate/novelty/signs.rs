@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Prefix of the tooth checks' names.
-pub(super) const TEETH: &str = "ln_tooth_";
+pub(in crate::estimate) const TEETH: &str = "ln_tooth_";
 
 /// A fault of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
