@@ -122,8 +122,8 @@ fn folder() -> TempDir {
     if memory.is_dir() { tempfile::tempdir_in(memory).unwrap() } else { tempfile::tempdir().unwrap() }
 }
 
-/// Keeps this thread, and the threads that it starts, on one of the processor's cores: they wait for each other
-/// all the time, and waking a thread on another core takes longer than the work between two waits.
+/// Keeps this thread, and the threads that it starts, on one of the processor's cores: they wait for each
+/// other all the time, and waking a thread on another core takes longer than the work between two waits.
 #[cfg(target_os = "linux")]
 fn stay_on_core(n: usize) {
     use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};

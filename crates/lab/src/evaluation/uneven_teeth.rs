@@ -1,5 +1,5 @@
-//! The dynamics with teeth that differ: Eqs. (23) and (24) with less stiffness in one mesh period per turn, as
-//! with a crack, and with an error of each tooth's position.
+//! The dynamics with teeth that differ: Eqs. (23) and (24) with less stiffness in one mesh period per turn,
+//! as with a crack, and with an error of each tooth's position.
 //!
 //! All teeth of the gear model are alike, so this module integrates the same equations from the cycle's
 //! tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
