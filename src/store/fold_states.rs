@@ -1,5 +1,7 @@
-//! Stored states of the fold over a channel's records: the newest one, and some earlier ones from which to
-//! restart.
+//! Stored states of the fold over a channel's records, from which to restart.
+//!
+//! A state has a quarter of a megabyte once a channel tracks wear, so it is not stored after each record. The
+//! records after the newest stored state are folded again when somebody needs the state after the last one.
 
 use sqlx::any::AnyRow;
 
@@ -10,6 +12,10 @@ use crate::asset::SegmentId;
 
 /// Number of records from one stored state to the next.
 pub const SEGMENTS_PER_STATE: u64 = 64;
+
+/// Number of records after which the newest state is stored: at most as many are folded again after a start.
+/// The next state replaces it, unless it is one of those every [`SEGMENTS_PER_STATE`] records.
+pub const SEGMENTS_PER_NEWEST_STATE: u64 = 16;
 
 /// States older than this many records are thinned to one every [`SPARSE_EVERY`] records.
 const DENSE_RECORDS: u64 = 2048;
@@ -29,7 +35,7 @@ pub struct FoldState {
 }
 
 impl Store {
-    /// The state after the latest record of a channel, in the served generation.
+    /// The latest stored state of a channel, in the served generation.
     pub async fn newest_state(&self, channel: &ChannelSummary) -> Result<Option<FoldState>, StoreError> {
         let row = sqlx::query("SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 ORDER BY position DESC LIMIT 1")
             .bind(channel.channel_no)
@@ -80,11 +86,11 @@ impl Commit {
         }
         let kept: Vec<(i64, i64, &FoldState)> = all
             .iter()
-            .flat_map(|&(channel_no, generation, after, states)| {
-                let newest = newest_of(after, states);
-                let kept = states.iter().filter(move |state| {
-                    state.position == newest || is_worth_keeping(state.position, newest)
-                });
+            .filter_map(|&(channel_no, generation, _, states)| {
+                Some((channel_no, generation, states, states.last()?))
+            })
+            .flat_map(|(channel_no, generation, states, newest)| {
+                let kept = states.iter().filter(|state| is_worth_keeping(state.position, newest.position));
                 kept.map(move |state| (channel_no, generation, state))
             })
             .collect();
@@ -105,37 +111,34 @@ impl Commit {
             }
             query.execute(&mut *self.transaction).await?;
         }
-        for &(channel_no, generation, after, states) in all {
-            let newest = newest_of(after, states);
-            if newest / SEGMENTS_PER_STATE > after / SEGMENTS_PER_STATE && newest > DENSE_RECORDS {
-                sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position < $3 AND position % $4 <> 0")
-                    .bind(channel_no)
-                    .bind(generation)
-                    .bind(from_count(newest - DENSE_RECORDS))
-                    .bind(from_count(SPARSE_EVERY))
-                    .execute(&mut *self.transaction)
-                    .await?;
-            }
+        for &(channel_no, generation, _, states) in all {
+            let Some(newest) = states.last() else { continue };
+            sqlx::query(
+                "DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND
+                    (position < $3 AND position % $4 <> 0 OR position < $5 AND position % $6 <> 0)",
+            )
+            .bind(channel_no)
+            .bind(generation)
+            .bind(from_count(newest.position))
+            .bind(from_count(SEGMENTS_PER_STATE))
+            .bind(from_count(newest.position.saturating_sub(DENSE_RECORDS)))
+            .bind(from_count(SPARSE_EVERY))
+            .execute(&mut *self.transaction)
+            .await?;
         }
         Ok(())
     }
 
     async fn remove_states_after(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
-        let which = any_of(all.len(), &["channel_no =", "generation =", "position >="]);
+        let which = any_of(all.len(), &["channel_no =", "generation =", "position >"]);
         let text = format!("DELETE FROM fold_states WHERE {which}");
         let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(all.len()));
         for &(channel_no, generation, after, _) in all {
-            // The previous newest state is kept only if its position is a regular one.
-            let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) { after + 1 } else { after };
-            query = query.bind(channel_no).bind(generation).bind(from_count(first_removed));
+            query = query.bind(channel_no).bind(generation).bind(from_count(after));
         }
         query.execute(&mut *self.transaction).await?;
         Ok(())
     }
-}
-
-fn newest_of(after: u64, states: &[FoldState]) -> u64 {
-    states.last().map_or(after, |state| state.position)
 }
 
 fn from_count(count: u64) -> i64 {
@@ -143,7 +146,8 @@ fn from_count(count: u64) -> i64 {
 }
 
 fn is_worth_keeping(position: u64, newest: u64) -> bool {
-    position.is_multiple_of(SPARSE_EVERY)
+    position == newest
+        || position.is_multiple_of(SPARSE_EVERY)
         || (position.is_multiple_of(SEGMENTS_PER_STATE) && position + DENSE_RECORDS >= newest)
 }
 

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use tokio::sync::OwnedMutexGuard;
 
 use super::channels::{Revisions, Slot};
-use super::fold::{FoldInput, Folded, RecentPoints, states_of, while_recomputing};
+use super::fold::{FoldInput, Folded, states_of, while_recomputing};
 use super::folding::Folding;
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
@@ -96,10 +96,11 @@ impl Folding {
         slot: &mut Slot,
     ) -> Result<Fold, ServiceError> {
         let timeline = self.timeline(asset, Some(channel), slot).await?;
-        if slot.points.is_none() {
-            slot.points = Some(RecentPoints::new(self.newest_point(channel).await?));
-        }
-        let points = slot.points.get_or_insert_default();
+        let points = match slot.points.take() {
+            Some(points) => points,
+            None => self.recent_points(estimator, channel, &timeline).await?,
+        };
+        let points = slot.points.insert(points);
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
             return Ok(Fold::Deferred { results: Vec::new() });
         };

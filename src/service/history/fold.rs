@@ -13,12 +13,13 @@ use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::signal::{Features, Indicators};
 use crate::store::{
-    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_STATE, SegmentKey,
-    StoreError, StoredFeatures,
+    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_NEWEST_STATE,
+    SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures,
 };
 
-/// Records whose states are held in memory: records of parallel connections arrive nearly in order.
-const RECENT: u64 = 16;
+/// Records whose states are held in memory: records of parallel connections arrive nearly in order. A state to
+/// be stored is among them.
+const RECENT: u64 = SEGMENTS_PER_NEWEST_STATE;
 
 /// The states of this many newest records are all held, before them that of each `DENSE`th record.
 const DENSE: u64 = 4;
@@ -185,12 +186,14 @@ pub(crate) fn folding(
     move || fold(&keyed, from, inputs, &timeline)
 }
 
-/// Selects the states to be stored: every [`SEGMENTS_PER_STATE`] records, and the newest.
+/// Selects the states to be stored: every [`SEGMENTS_PER_STATE`] records, and the latest at a multiple of
+/// [`SEGMENTS_PER_NEWEST_STATE`].
 pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceError> {
     let newest = points.last().map_or(0, |point| point.position);
+    let latest = newest - newest % SEGMENTS_PER_NEWEST_STATE;
     points
         .iter()
-        .filter(|point| point.position == newest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
+        .filter(|point| point.position == latest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
         .map(FoldPoint::to_stored)
         .collect()
 }

@@ -3,12 +3,16 @@
 use std::sync::Arc;
 
 use super::channels::{Revisions, Slot};
-use super::fold::{FoldInput, FoldPoint, Folded, folding, read_point};
+use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, folding, read_point};
 use super::timeline::Timeline;
 use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::service::workers::Workers;
 use crate::store::{Asset, ChannelSummary, SegmentKey, Store};
+
+/// Maximum number of records after the latest stored state that are folded again while their channel is
+/// locked.
+const MAX_FOLDED_AGAIN: u32 = 128;
 
 /// Folds records of a store on worker threads.
 #[derive(Clone)]
@@ -31,13 +35,33 @@ impl Folding {
         self.workers.run_first("estimate the wear", fold).await
     }
 
-    /// The state after a channel's latest record; `None` before the first one, or if it cannot be read.
-    pub(crate) async fn newest_point(
+    /// The states after a channel's latest records: those after the latest stored state are folded again.
+    /// Empty if that state cannot be read, or if too many records follow it.
+    pub(crate) async fn recent_points(
         &self,
+        keyed: &KeyedEstimator,
         channel: &ChannelSummary,
-    ) -> Result<Option<FoldPoint>, ServiceError> {
-        let stored = self.store.newest_state(channel).await?;
-        Ok(stored.and_then(|stored| read_point(channel, stored)))
+        timeline: &Arc<Timeline>,
+    ) -> Result<RecentPoints, ServiceError> {
+        let from = match self.store.newest_state(channel).await? {
+            None => None,
+            Some(stored) => match read_point(channel, stored) {
+                None => return Ok(RecentPoints::default()),
+                Some(point) => Some(point),
+            },
+        };
+        let after = from.as_ref().map(|point| &point.last);
+        let stored = self.store.features(channel, after, MAX_FOLDED_AGAIN).await?;
+        if stored.len() as u64 >= u64::from(MAX_FOLDED_AGAIN) {
+            return Ok(RecentPoints::default());
+        }
+        let mut recent = RecentPoints::new(from.clone());
+        if !stored.is_empty() {
+            let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &keyed.feature_key)).collect();
+            let after = from.as_ref().map_or(0, |point| point.position);
+            recent.replace(after, self.fold_with_priority(keyed, from, inputs, timeline).await?.points);
+        }
+        Ok(recent)
     }
 
     /// The latest stored state that includes neither `key` nor any later record.
