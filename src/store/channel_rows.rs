@@ -10,6 +10,7 @@ use jiff::Timestamp;
 
 use super::commit::{Commit, ROWS_AT_ONCE};
 use super::fold_states::StatesAfter;
+use super::layouts::Columns;
 use super::rows::{finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
 use super::wear_rows::WearRow;
 use super::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
@@ -141,8 +142,8 @@ impl Commit {
                  VALUES {} ON CONFLICT (segment_id, generation) DO NOTHING",
                 rows_of_placeholders(chunk.len(), 8)
             );
-            let mut query = sqlx::query(&text);
-            for (generation, segment, analysed) in chunk {
+            let mut columns = Vec::with_capacity(2 * chunk.len());
+            for (_, segment, analysed) in chunk {
                 let id = segment.0.as_str();
                 for (name, value) in &analysed.indicators.values {
                     finite(&format!("indicator {name} of segment {id}"), *value)?;
@@ -150,6 +151,14 @@ impl Commit {
                 for (name, value) in &analysed.features.values {
                     finite(&format!("feature {name} of segment {id}"), *value)?;
                 }
+                columns.push(Columns::of(&analysed.indicators, "indicators", id)?);
+                columns.push(Columns::of(&analysed.features, "features", id)?);
+            }
+            self.store_layouts(&columns).await?;
+            let mut query = sqlx::query(&text);
+            for ((generation, segment, analysed), columns) in chunk.iter().zip(columns.as_chunks::<2>().0) {
+                let id = segment.0.as_str();
+                let [indicators, features] = columns;
                 let shaft_speed = analysed.shaft_speed.as_ref();
                 query = query
                     .bind(id)
@@ -158,8 +167,8 @@ impl Commit {
                     .bind(&*analysed.keys.feature)
                     .bind(shaft_speed.map(|speed| to_json(speed, "shaft_speed", id)).transpose()?)
                     .bind(to_json(&analysed.basis, "basis", id)?)
-                    .bind(to_json(&analysed.indicators, "indicators", id)?)
-                    .bind(to_json(&analysed.features, "features", id)?);
+                    .bind(indicators.bytes.as_slice())
+                    .bind(features.bytes.as_slice());
             }
             query
                 .persistent(self.dialect.caches_statement(chunk.len()))

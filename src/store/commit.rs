@@ -5,9 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use jiff::Timestamp;
+use serde_json::Value;
 use sqlx::{Any, Transaction};
 
 use super::assets::{asset_of, channel_of};
+use super::layouts::LayoutCache;
 use super::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
 use super::schema::Dialect;
 use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
@@ -30,6 +32,9 @@ pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
     pub(super) dialect: Dialect,
     pub(super) recipients: Arc<Recipients>,
+    pub(super) layouts: Arc<LayoutCache>,
+    /// Layouts that this transaction stores.
+    pub(super) new_layouts: HashMap<i64, Arc<Value>>,
 }
 
 impl Store {
@@ -41,6 +46,8 @@ impl Store {
             transaction: self.write().begin().await?,
             dialect: self.dialect(),
             recipients: self.recipients(),
+            layouts: Arc::clone(&self.inner.layouts),
+            new_layouts: HashMap::new(),
         })
     }
 }
@@ -222,6 +229,8 @@ impl Commit {
 
     /// Commits the transaction.
     pub async fn finish(self) -> Result<(), StoreError> {
-        Ok(self.transaction.commit().await?)
+        self.transaction.commit().await?;
+        self.layouts.add(self.new_layouts);
+        Ok(())
     }
 }

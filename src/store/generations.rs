@@ -170,7 +170,8 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        rows.iter().map(new_segment_of).collect()
+        let layouts = self.layouts().of(&rows, &["indicators", "features"], self.read()).await?;
+        rows.iter().map(|row| new_segment_of(row, &layouts)).collect()
     }
 
     /// Adds analyses to a generation.

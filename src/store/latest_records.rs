@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 
-use super::rows::{get, get_json, get_json_or_default, get_time};
+use super::rows::{get, get_time};
 use super::{Store, StoreError};
 use crate::signal::Indicators;
 
@@ -41,10 +41,11 @@ impl Store {
         .bind(CHANNELS_AT_ONCE)
         .fetch_all(self.read())
         .await?;
+        let layouts = self.layouts().of(&rows, &["indicators", "run_indicators"], self.read()).await?;
         let record = |row| {
             let channel: String = get(row, "name")?;
-            let mut indicators: Indicators = get_json(row, "indicators", &channel)?;
-            indicators.extend(get_json_or_default(row, "run_indicators", &channel)?);
+            let mut indicators: Indicators = layouts.read(row, "indicators", &channel)?;
+            indicators.extend(layouts.read_or_default(row, "run_indicators", &channel)?);
             Ok(LatestRecord {
                 asset: get(row, "asset_id")?,
                 start_time: get_time(row, "start_time_ns")?,

@@ -24,6 +24,7 @@ mod integrity;
 mod journal_entry;
 mod keyed_uploads;
 mod latest_records;
+mod layouts;
 mod library_builds;
 mod maintenance;
 mod notification_rows;
@@ -59,6 +60,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use jiff::{SignedDuration, Timestamp};
 
 use database::Database;
+use layouts::LayoutCache;
 use recent_wear::CurveCache;
 use schema::Dialect;
 use trend::TrendCache;
@@ -112,6 +114,7 @@ struct Inner {
     disk: Arc<dyn Disk>,
     trends: TrendCache,
     curves: CurveCache,
+    layouts: Arc<LayoutCache>,
     /// Age at which an unreferenced object is removed; `None` unless other processes share the store, which
     /// may be about to commit a reference to it.
     orphan_age: Option<SignedDuration>,
@@ -180,6 +183,7 @@ impl Store {
                 disk,
                 trends: TrendCache::default(),
                 curves: CurveCache::default(),
+                layouts: Arc::default(),
                 orphan_age,
                 removal_hold: Mutex::default(),
                 is_changed: AtomicBool::default(),
@@ -283,6 +287,10 @@ impl Store {
 
     fn read(&self) -> &sqlx::AnyPool {
         &self.inner.database.read
+    }
+
+    fn layouts(&self) -> &LayoutCache {
+        &self.inner.layouts
     }
 
     fn write(&self) -> &sqlx::AnyPool {

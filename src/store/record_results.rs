@@ -1,6 +1,6 @@
 //! The results of each record of a channel, for evaluating a whole history.
 
-use super::rows::{from_ns, get, get_json, get_json_or_default};
+use super::rows::{from_ns, get, get_json};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearEstimate;
@@ -44,14 +44,15 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
+        let layouts = self.layouts().of(&rows, &["indicators", "run_indicators"], self.read()).await?;
         let results = rows.iter().map(|row| {
             let id: String = get(row, "id")?;
             Ok(RecordResults {
                 excluded: get::<i64>(row, "excluded")? != 0,
                 wear: get_json(row, "estimate", &id)?,
                 indicators: [
-                    get_json(row, "indicators", &id)?,
-                    get_json_or_default(row, "run_indicators", &id)?,
+                    layouts.read(row, "indicators", &id)?,
+                    layouts.read_or_default(row, "run_indicators", &id)?,
                 ],
                 key: SegmentKey { start_time: from_ns(get(row, "start_time_ns")?), id: SegmentId(id) },
             })

@@ -95,16 +95,6 @@ pub(super) fn finite_or_none(field: &str, value: Option<f64>) -> Result<Option<f
     value.map(|value| finite(field, value)).transpose()
 }
 
-/// Doubles as little-endian bytes.
-pub(super) fn doubles_to_bytes(values: &[f64]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
-}
-
-/// Doubles from little-endian bytes.
-pub(super) fn doubles_from_bytes(bytes: &[u8]) -> Vec<f64> {
-    bytes.as_chunks().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect()
-}
-
 /// `$first, $first+1, …` for `count` values of an IN list.
 pub(super) fn placeholders(first: usize, count: usize) -> String {
     let list: Vec<String> = (first..first + count).map(|n| format!("${n}")).collect();
@@ -152,21 +142,5 @@ mod tests {
             assert_eq!(to_ns(from_ns(ns)).unwrap(), ns);
         }
         assert!(matches!(to_ns(Timestamp::MAX), Err(StoreError::Time(_))));
-    }
-
-    #[test]
-    fn doubles_round_trip() {
-        let values = [0.1, -0.0, f64::MIN_POSITIVE];
-        assert_eq!(doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(), values.to_vec().map_bits());
-    }
-
-    trait MapBits {
-        fn map_bits(self) -> Vec<u64>;
-    }
-
-    impl MapBits for Vec<f64> {
-        fn map_bits(self) -> Vec<u64> {
-            self.into_iter().map(f64::to_bits).collect()
-        }
     }
 }

@@ -27,9 +27,10 @@ impl Dialect {
         match self {
             Self::Sqlite => Cow::Borrowed(text),
             // Texts are sorted by their bytes, as everywhere in the program, whatever the locale of the
-            // database.
+            // database. A cast to BYTEA would interpret backslashes.
             #[cfg(feature = "postgres")]
             Self::Postgres => {
+                let text = text.replace("CAST(", "convert_to(").replace(" AS BLOB)", ", 'UTF8')");
                 Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""))
             }
         }
@@ -89,12 +90,13 @@ impl Dialect {
 }
 
 /// The migrations: number, description and text.
-const MIGRATIONS: [(i64, &str, &str); 5] = [
+const MIGRATIONS: [(i64, &str, &str); 6] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
     (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
     (4, "streams", include_str!("migrations/0004_streams.sql")),
     (5, "interval", include_str!("migrations/0005_interval.sql")),
+    (6, "columns", include_str!("migrations/0006_columns.sql")),
 ];
 
 /// The table of tokens, in the shared database or in a separate SQLite database.
@@ -124,4 +126,45 @@ pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) ->
         MigrateError::Execute(error) => error.into(),
         other => sqlx::Error::from(other).into(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::borrow::Cow;
+
+    use sqlx::Connection;
+
+    use super::*;
+    use crate::asset::AssetId;
+    use crate::store::{Store, StoreSettings};
+
+    #[tokio::test]
+    async fn analyses_of_a_database_without_layouts_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        sqlx::any::install_default_drivers();
+        let url = format!("sqlite://{}?mode=rwc", folder.path().join("flankwatch.db").display());
+        let mut connection = AnyConnection::connect(&url).await.unwrap();
+        let before_layouts = Dialect::Sqlite.resolve().await.unwrap().into_iter().take(5).collect();
+        let migrator = Migrator { migrations: Cow::Owned(before_layouts), ..Migrator::DEFAULT };
+        migrator.run_direct(&mut connection).await.unwrap();
+        for text in [
+            r#"INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ('pump', '{"id":"pump"}', 0, 0)"#,
+            "INSERT INTO channels (channel_no, asset_id, name, segments, revision, rewritten_revision) VALUES (1, 'pump', 'a', 1, 1, 1)",
+            "INSERT INTO segments VALUES ('s', 1, 5, 5, 20000.0, 4, 'g', '{}', NULL, 'hash', 8, 'audio/wav', 0, 0)",
+            r#"INSERT INTO analyses VALUES ('s', 0, 'k', 'f', NULL, NULL,
+                '{"indicators":{"rms":0.1},"absent":{"fm4":"no_speed"}}',
+                '{"values":{"ln_rms":-2.3},"speed_doubt":"a \"quoted\" line"}')"#,
+        ] {
+            sqlx::query(text).execute(&mut connection).await.unwrap();
+        }
+        connection.close().await.unwrap();
+
+        let store = Store::open(&StoreSettings::Folder(folder.path().to_owned())).await.unwrap();
+        let channel = store.channels(&AssetId::new("pump".to_owned()).unwrap()).await.unwrap().remove(0);
+        assert!(channel.must_fold, "its estimates have to be made again");
+        let read = store.features(&channel, None, 10).await.unwrap().remove(0);
+        assert_eq!(read.indicators.values["rms"], 0.1);
+        assert_eq!(read.features.values["ln_rms"], -2.3);
+        assert_eq!(read.features.speed_doubt.as_deref(), Some(r#"a "quoted" line"#));
+    }
 }

@@ -5,13 +5,11 @@ use std::collections::HashSet;
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
 
-use super::rows::{
-    doubles_from_bytes, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders,
-    to_ns,
-};
+use super::layouts::Layouts;
+use super::rows::{from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns};
 use super::{AnalysisKeys, ChannelSummary, Store, StoreError};
 use crate::asset::{AssetId, RawReference, Segment, SegmentId};
-use crate::estimate::{Posterior, WearEstimate};
+use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
 /// Sort key of a segment in its channel: its time, then its identifier.
@@ -160,7 +158,10 @@ pub struct SegmentFilter {
 /// The columns that are read of a segment.
 const SEGMENT: &str =
     "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features,
-        w.estimate, w.run_indicators, p.wear_um, p.probability";
+        w.estimate, w.run_indicators, p.probability";
+
+/// Those of them with a layout.
+const COLUMNS: [&str; 4] = ["indicators", "features", "run_indicators", "probability"];
 
 /// Joins segments `s` with the results in their served generations.
 const SERVED: &str = "JOIN channels c ON c.channel_no = s.channel_no
@@ -211,8 +212,10 @@ impl Store {
             for id in chunk {
                 query = query.bind(id.0.as_str());
             }
-            for row in query.fetch_all(self.read()).await? {
-                found.push(segment_of(&row)?);
+            let rows = query.fetch_all(self.read()).await?;
+            let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
+            for row in &rows {
+                found.push(segment_of(row, &layouts)?);
             }
         }
         Ok(found)
@@ -271,7 +274,8 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        rows.iter().map(features_of).collect()
+        let layouts = self.layouts().of(&rows, &["indicators", "features"], self.read()).await?;
+        rows.iter().map(|row| features_of(row, &layouts)).collect()
     }
 
     async fn segments_of_channel(
@@ -302,24 +306,25 @@ impl Store {
             .bind(i64::from(limit))
             .fetch_all(self.read())
             .await?;
-        rows.iter().map(segment_of).collect()
+        let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
+        rows.iter().map(|row| segment_of(row, &layouts)).collect()
     }
 }
 
 /// Decodes the input of the fold from a row.
-pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
+fn features_of(row: &AnyRow, layouts: &Layouts) -> Result<StoredFeatures, StoreError> {
     let id: String = get(row, "id")?;
     Ok(StoredFeatures {
         excluded: get::<i64>(row, "excluded")? != 0,
         feature_key: get(row, "feature_key")?,
-        features: get_json(row, "features", &id)?,
-        indicators: get_json(row, "indicators", &id)?,
+        features: layouts.read(row, "features", &id)?,
+        indicators: layouts.read(row, "indicators", &id)?,
         key: SegmentKey { start_time: get_time(row, "start_time_ns")?, id: SegmentId(id) },
     })
 }
 
 /// Decodes a segment without its estimate from a row.
-pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
+pub(super) fn new_segment_of(row: &AnyRow, layouts: &Layouts) -> Result<NewSegment, StoreError> {
     let id: String = get(row, "id")?;
     let asset_id: String = get(row, "asset_id")?;
     let shaft_speed: Option<String> = get(row, "shaft_speed")?;
@@ -352,24 +357,17 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
             },
             shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
             basis: get_json_or_default(row, "basis", &id)?,
-            indicators: get_json(row, "indicators", &id)?,
-            features: get_json(row, "features", &id)?,
+            indicators: layouts.read(row, "indicators", &id)?,
+            features: layouts.read(row, "features", &id)?,
         },
         id: SegmentId(id),
     })
 }
 
-fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
-    let new = new_segment_of(row)?;
+fn segment_of(row: &AnyRow, layouts: &Layouts) -> Result<Segment, StoreError> {
+    let new = new_segment_of(row, layouts)?;
     let mut wear: WearEstimate = get_json(row, "estimate", &new.id.0)?;
-    if let (Some(wear_um), Some(probability)) =
-        (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?)
-    {
-        wear.posterior = Some(Posterior {
-            wear_um: doubles_from_bytes(&wear_um),
-            probability: doubles_from_bytes(&probability),
-        });
-    }
-    let indicators = get_json_or_default(row, "run_indicators", &new.id.0)?;
+    wear.posterior = layouts.read_posterior(row, &new.id.0)?;
+    let indicators = layouts.read_or_default(row, "run_indicators", &new.id.0)?;
     Ok(new.with_run(RunResult { indicators, wear }))
 }

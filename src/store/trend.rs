@@ -12,7 +12,8 @@ use sqlx::any::AnyRow;
 use sqlx::{Any, Transaction};
 
 use super::assets::channel_of;
-use super::rows::{from_json, from_ns, get, get_json, get_json_or_default, to_ns};
+use super::layouts::Layouts;
+use super::rows::{from_json, from_ns, get, get_json, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError, trend_blocks};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
@@ -21,6 +22,9 @@ use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 /// Maximum number of cached records of all channels, beyond which the least recently used histories are
 /// dropped.
 const MAX_RECORDS: usize = 1_000_000;
+
+/// The columns of a history's rows that have a layout.
+pub(super) const COLUMNS: [&str; 2] = ["indicators", "run_indicators"];
 
 /// Rows read in one query.
 const ROWS_AT_ONCE: usize = 4096;
@@ -91,10 +95,10 @@ impl Trend {
         low..high.max(low)
     }
 
-    pub(super) fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
+    pub(super) fn push(&mut self, row: &AnyRow, layouts: &Layouts) -> Result<(), StoreError> {
         let id: String = get(row, "id")?;
-        let mut indicators: Indicators = get_json(row, "indicators", &id)?;
-        indicators.extend(get_json_or_default(row, "run_indicators", &id)?);
+        let mut indicators: Indicators = layouts.read(row, "indicators", &id)?;
+        indicators.extend(layouts.read_or_default(row, "run_indicators", &id)?);
         let status: String = get(row, "status")?;
         let position = self.len();
         for (name, value) in indicators.values {
@@ -231,8 +235,9 @@ impl Store {
         }
         loop {
             let rows = rows_after(&mut snapshot, &channel, trend.last().as_ref(), ROWS_AT_ONCE).await?;
+            let layouts = self.layouts().of(&rows, &COLUMNS, &mut *snapshot).await?;
             for row in &rows {
-                trend.push(row)?;
+                trend.push(row, &layouts)?;
             }
             if rows.len() < ROWS_AT_ONCE {
                 break;

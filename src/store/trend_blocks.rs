@@ -8,7 +8,7 @@ use sqlx::{Any, Transaction};
 
 use super::assets::channel_of;
 use super::rows::{from_json, from_ns, get, to_json, to_ns};
-use super::trend::{Trend, WearPoint, rows_after};
+use super::trend::{self, Trend, WearPoint, rows_after};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
@@ -233,12 +233,13 @@ impl Store {
         };
         let mut trend = Trend::default();
         let rows = rows_after(&mut snapshot, &channel, after.as_ref(), RECORDS).await?;
-        drop(snapshot);
         if rows.len() < RECORDS {
             return Ok(false);
         }
+        let layouts = self.layouts().of(&rows, &trend::COLUMNS, &mut *snapshot).await?;
+        drop(snapshot);
         for row in &rows {
-            trend.push(row)?;
+            trend.push(row, &layouts)?;
         }
         trend.fill();
         let Some((last_start, last_id)) = trend.start_time.last().zip(trend.segment_id.last()) else {

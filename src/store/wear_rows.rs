@@ -1,15 +1,20 @@
 //! Writing the estimates of segments with their posteriors.
 
 use super::commit::{Commit, ROWS_AT_ONCE};
-use super::rows::{
-    any_of, doubles_to_bytes, excluded, finite, finite_or_none, rows_of_placeholders, to_json,
-};
+use super::layouts::Columns;
+use super::rows::{any_of, excluded, finite, finite_or_none, rows_of_placeholders, to_json};
 use super::{RunResult, StoreError};
 use crate::asset::SegmentId;
-use crate::estimate::WearEstimate;
+use crate::estimate::{Posterior, WearEstimate};
 
 /// The columns of an estimate.
 const ESTIMATE: &str = "status, reason, median_um, mean_um, low_um, p25_um, p75_um, high_um, log_evidence, estimate, run_indicators";
+
+/// A posterior's probabilities, with its depths as their layout.
+fn posterior_columns(posterior: &Posterior) -> Result<Columns, StoreError> {
+    let depths = to_json(&posterior.wear_um, "wear_um", "a posterior")?;
+    Ok(Columns::of_numbers(depths, &posterior.probability))
+}
 
 /// An estimate to be written.
 pub(super) struct WearRow<'a> {
@@ -37,13 +42,20 @@ impl Commit {
             rows_of_placeholders(wears.len(), 2 + ESTIMATE.split(", ").count()),
             excluded(ESTIMATE)
         );
-        let mut query = sqlx::query(&text);
+        let mut columns = Vec::with_capacity(wears.len());
         for row in wears {
-            let RunResult { indicators, wear } = row.result;
             let id = row.segment.0.as_str();
+            let indicators = &row.result.indicators;
             for (name, value) in &indicators.values {
                 finite(&format!("indicator {name} of segment {id}"), *value)?;
             }
+            columns.push(Columns::of(indicators, "run_indicators", id)?);
+        }
+        self.store_layouts(&columns).await?;
+        let mut query = sqlx::query(&text);
+        for (row, indicators) in wears.iter().zip(&columns) {
+            let wear = &row.result.wear;
+            let id = row.segment.0.as_str();
             let without_posterior = WearEstimate { posterior: None, ..wear.clone() };
             let status = to_json(&wear.status, "status", id)?;
             query = query
@@ -59,7 +71,7 @@ impl Commit {
                 .bind(finite_or_none("high_um", wear.high_um)?)
                 .bind(finite_or_none("log_evidence", wear.log_evidence)?)
                 .bind(to_json(&without_posterior, "estimate", id)?)
-                .bind(to_json(indicators, "run_indicators", id)?);
+                .bind(indicators.bytes.as_slice());
         }
         query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.transaction).await?;
         Ok(())
@@ -79,22 +91,23 @@ impl Commit {
             query.execute(&mut *self.transaction).await?;
         }
         if !with.is_empty() {
+            // Nearly all posteriors of a channel are over the same depths.
+            let posterior = |row: &WearRow<'_>| row.result.wear.posterior.as_ref().map(posterior_columns);
+            let columns: Vec<Columns> =
+                with.iter().filter_map(|row| posterior(row)).collect::<Result<_, _>>()?;
+            self.store_layouts(&columns).await?;
             let text = format!(
-                "INSERT INTO wear_posteriors (segment_id, generation, wear_um, probability) VALUES {}
+                "INSERT INTO wear_posteriors (segment_id, generation, probability) VALUES {}
                  ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
-                rows_of_placeholders(with.len(), 4),
-                excluded("wear_um, probability")
+                rows_of_placeholders(with.len(), 3),
+                excluded("probability")
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(with.len()));
-            for row in with {
-                let Some(posterior) = &row.result.wear.posterior else {
-                    continue;
-                };
+            for (row, probability) in with.iter().zip(&columns) {
                 query = query
                     .bind(row.segment.0.as_str())
                     .bind(row.generation)
-                    .bind(doubles_to_bytes(&posterior.wear_um))
-                    .bind(doubles_to_bytes(&posterior.probability));
+                    .bind(probability.bytes.as_slice());
             }
             query.execute(&mut *self.transaction).await?;
         }
