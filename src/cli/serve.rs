@@ -18,7 +18,7 @@ use crate::http::{ServiceConfig, TlsFiles, start};
 #[cfg(feature = "mqtt")]
 use crate::mqtt::{MqttFeed, MqttTable};
 use crate::notifications::{NotificationError, NotificationSettings, NotificationsTable, Notifier};
-use crate::service::{RawQuotas, SystemClock};
+use crate::service::{OldResults, RawQuotas, SystemClock};
 
 /// Arguments of `flankwatch serve`.
 #[derive(Debug, Clone, Default, Args)]
@@ -86,15 +86,20 @@ pub(super) struct Resolved {
     mqtt: Option<MqttTable>,
 }
 
-/// The table `retention` of the settings file: quotas of raw recordings and the time that they stay in
-/// quarantine. Derived data is always kept.
+/// The table `retention` of the settings file: quotas of raw recordings, the time that they stay in
+/// quarantine, and the thinning of old results.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RetentionTable {
     raw_bytes: Option<u64>,
     raw_bytes_per_asset: Option<u64>,
     quarantine_days: Option<u32>,
+    full_results_days: Option<NonZeroU32>,
+    old_results_interval_s: Option<NonZeroU32>,
 }
+
+/// Interval of the old results that are kept, in seconds.
+const OLD_RESULTS_INTERVAL_S: u32 = 3600;
 
 /// The table `limits` of the settings file.
 #[derive(Debug, Default, Deserialize)]
@@ -150,6 +155,14 @@ impl ServeArgs {
             bytes: file.retention.raw_bytes,
             bytes_per_asset: file.retention.raw_bytes_per_asset,
         };
+        config.work.old_results = file.retention.full_results_days.map(|days| {
+            let interval_s =
+                file.retention.old_results_interval_s.map_or(OLD_RESULTS_INTERVAL_S, NonZeroU32::get);
+            OldResults {
+                age: Duration::from_secs(u64::from(days.get()) * 24 * 3600),
+                interval: Duration::from_secs(u64::from(interval_s)),
+            }
+        });
         if let Some(days) = file.retention.quarantine_days {
             config.work.quarantined_for = Duration::from_secs(u64::from(days) * 24 * 3600);
         }

@@ -25,6 +25,8 @@ pub struct WorkLimits {
     pub neighbours: EnsembleSettings,
     /// Quotas of raw bytes.
     pub quotas: RawQuotas,
+    /// How old results are thinned; `None` to keep all of them.
+    pub old_results: Option<OldResults>,
     /// How long unreferenced raw bytes stay in quarantine.
     pub quarantined_for: Duration,
     /// How far a record's start time may be ahead of the clock.
@@ -44,6 +46,7 @@ impl Default for WorkLimits {
             streams_at_once: 64,
             neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
+            old_results: None,
             quarantined_for: Duration::from_secs(30 * 24 * 3600),
             start_time_ahead: Duration::from_secs(24 * 3600),
             upkeep_interval: Duration::from_secs(30),
@@ -58,6 +61,15 @@ pub struct RawQuotas {
     pub bytes: Option<u64>,
     /// For each asset.
     pub bytes_per_asset: Option<u64>,
+}
+
+/// How the results of old records are thinned, once their raw bytes are gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OldResults {
+    /// Age from which on records are old.
+    pub age: Duration,
+    /// Of the old records of a channel, one in each interval of this length is kept.
+    pub interval: Duration,
 }
 
 /// The folders of the service.

@@ -12,7 +12,7 @@ use super::events::Announcer;
 use super::exclusion::Exclusions;
 use super::feeds::Feeds;
 use super::history::History;
-use super::limits::{ServiceFolders, WorkLimits};
+use super::limits::{OldResults, ServiceFolders, WorkLimits};
 use super::maintenance::Maintenance;
 use super::pipeline::{CommitQueue, Committer, Pipeline};
 use super::raw::{RawObjects, Retention, UploadPieces};
@@ -23,6 +23,7 @@ use super::shares::Shares;
 use super::simulations::{LibrarySource, Simulations};
 use super::streams::Streams;
 use super::tally::Tally;
+use super::thinner::Thinner;
 use super::upkeep::Upkeep;
 use super::work_queue::Role;
 use super::workers::Workers;
@@ -81,6 +82,7 @@ pub struct Service {
     retention: Arc<Retention>,
     catch_up: Arc<CatchUp>,
     upkeep_interval: Duration,
+    old_results: Option<OldResults>,
 }
 
 impl Service {
@@ -215,6 +217,7 @@ impl Service {
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,
+            old_results: limits.old_results,
             store,
             workers,
             simulations,
@@ -269,6 +272,7 @@ impl Service {
         self.alarms.watch_silence_in_background();
         self.alarms.watch_joint_novelty_in_background();
         self.store_trend_blocks_in_background();
+        self.thin_results_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {
                 store: self.store.clone(),
@@ -320,6 +324,13 @@ impl Service {
                 }
             }
         });
+    }
+
+    /// Thins the results of old records, where that is wanted.
+    fn thin_results_in_background(&self) {
+        let Some(old_results) = self.old_results else { return };
+        let thinner = Thinner { store: self.store.clone(), clock: Arc::clone(&self.clock), old_results };
+        thinner.in_background();
     }
 
     /// Maintains the raw objects of a process that is alone on its store: searches for unreferenced ones now

@@ -47,6 +47,7 @@ mod stream_copies;
 mod stream_journal;
 mod stream_levels;
 mod stream_rows;
+mod thinning;
 mod tokens;
 mod trend;
 mod trend_blocks;
@@ -97,6 +98,7 @@ pub use silences::Silence;
 pub use stream_journal::StreamJournal;
 pub use stream_levels::{StreamLevels, TimedLevel};
 pub use stream_rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
+pub use thinning::Thinning;
 pub use tokens::{StoredToken, TokenStore, TokensVersion};
 pub use trend::{Trend, WearPoint};
 

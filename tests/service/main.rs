@@ -40,6 +40,7 @@ mod stream_cuts;
 mod stream_tachometers;
 mod streams;
 mod tables;
+mod thinning;
 mod token_pages;
 mod trends;
 mod two_stages;

@@ -1,0 +1,83 @@
+//! Thinning of the results of old records, whose raw bytes are gone.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::running::{Service, mcap, minute, plain_asset, record};
+use flankwatch::http::ServiceConfig;
+use flankwatch::service::OldResults;
+
+const RECORDS: u32 = 240;
+
+fn thinned(config: &mut ServiceConfig) {
+    let minutes = |n: u64| Duration::from_secs(60 * n);
+    config.work.old_results = Some(OldResults { age: minutes(100), interval: minutes(10) });
+}
+
+/// Sends one record a minute for four hours, with a service of the machine after the first.
+fn send(service: &Service) {
+    service.plain_asset("pump");
+    let event = json!({ "time": minute(60), "kind": "gear_replaced", "by": "a mechanic" });
+    service.post_json("/v1/assets/pump/maintenance", &event).expect(201);
+    let records: Vec<_> = (0..RECORDS).map(|n| record("1", n)).collect();
+    service.post("/v1/assets/pump/segments", "application/mcap", &mcap(&records)).expect(201);
+}
+
+fn items(service: &Service) -> Vec<Value> {
+    let trend = service.get("/v1/assets/pump/wear/history?max_points=1000").expect(200).json();
+    trend["items"].as_array().unwrap().clone()
+}
+
+/// Starts the service again at a time when a round of thinning is due.
+fn restart_later(service: &mut Service) {
+    service.stop();
+    service.clock.advance(2 * 24 * 3600);
+    service.launch();
+}
+
+#[test]
+fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
+    let mut service = Service::start_with(|config| {
+        thinned(config);
+        config.work.quotas.bytes = Some(100_000);
+    });
+    send(&service);
+    let all = items(&service);
+    assert_eq!(all.len(), RECORDS as usize);
+    let oldest = format!("/v1/segments/{}/waveform", all[0]["segment_id"].as_str().unwrap());
+    let began = Instant::now();
+    while service.get(&oldest).status != 410 {
+        assert!(began.elapsed() < Duration::from_secs(60), "the quota is not applied");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // The baseline is of 8 records, and twice as many are kept after the start and after the event.
+    let is_kept = |n: u32| n < 16 || (60..76).contains(&n) || n % 10 == 0 || n >= RECORDS - 1 - 100;
+    let kept: Vec<Value> =
+        (0..RECORDS).zip(&all).filter(|(n, _)| is_kept(*n)).map(|(_, item)| item.clone()).collect();
+    restart_later(&mut service);
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == kept.len());
+    assert_eq!(items(&service), kept);
+
+    // The history that is left can be folded again, and goes on.
+    let mut asset = plain_asset("pump");
+    asset["baseline"]["records"] = json!(10);
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    service.upload("pump", &record("1", RECORDS));
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == kept.len() + 1);
+    let folded = service.wait_for("/v1/assets/pump/wear/history?max_points=1000", |trend| {
+        trend["items"].as_array().unwrap().iter().all(|item| item["status"] != "recomputing")
+    });
+    assert_eq!(folded["items"].as_array().unwrap().len(), kept.len() + 1);
+}
+
+#[test]
+fn results_of_records_with_raw_bytes_are_all_kept() {
+    let mut service = Service::start_with(thinned);
+    send(&service);
+    restart_later(&mut service);
+    // The round is over once it is claimed and a later statement of the same connection is done.
+    service.upload("pump", &record("1", RECORDS));
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(items(&service).len(), RECORDS as usize + 1);
+}
