@@ -10,18 +10,19 @@ use super::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns}
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
-/// Number of records from one stored state to the next.
-pub const SEGMENTS_PER_STATE: u64 = 64;
+/// Number of records from one stored state to the next: at most as many are folded again after a start.
+pub const RECORDS_PER_STATE: u64 = 16;
 
-/// Number of records after which the newest state is stored: at most as many are folded again after a start.
-/// The next state replaces it, unless it is one of those every [`SEGMENTS_PER_STATE`] records.
-pub const SEGMENTS_PER_NEWEST_STATE: u64 = 16;
-
-/// States older than this many records are thinned to one every [`SPARSE_EVERY`] records.
-const DENSE_RECORDS: u64 = 2048;
-
-/// Number of records from one stored state to the next among the older ones.
-const SPARSE_EVERY: u64 = 1024;
+/// Whether the state after `position` records is stored while the newest stored state is the one after
+/// `newest` records.
+///
+/// The distance between stored states grows with their age. So there are few, and the records from the nearest
+/// state to a late record are at most twice as many as those that follow it.
+pub fn is_stored(position: u64, newest: u64) -> bool {
+    let age = newest.saturating_sub(position);
+    let distance = if age < RECORDS_PER_STATE { RECORDS_PER_STATE } else { 1 << age.ilog2() };
+    position.is_multiple_of(distance)
+}
 
 /// The state of the fold after some of a channel's records in the order of time.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,17 +85,13 @@ impl Commit {
         for chunk in all.chunks(ROWS_AT_ONCE) {
             self.remove_states_after(chunk).await?;
         }
-        let kept: Vec<(i64, i64, &FoldState)> = all
+        let new: Vec<(i64, i64, &FoldState)> = all
             .iter()
-            .filter_map(|&(channel_no, generation, _, states)| {
-                Some((channel_no, generation, states, states.last()?))
-            })
-            .flat_map(|(channel_no, generation, states, newest)| {
-                let kept = states.iter().filter(|state| is_worth_keeping(state.position, newest.position));
-                kept.map(move |state| (channel_no, generation, state))
+            .flat_map(|&(channel_no, generation, _, states)| {
+                states.iter().map(move |state| (channel_no, generation, state))
             })
             .collect();
-        for chunk in kept.chunks(ROWS_AT_ONCE) {
+        for chunk in new.chunks(ROWS_AT_ONCE) {
             let text = format!(
                 "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
                 rows_of_placeholders(chunk.len(), 6)
@@ -112,20 +109,31 @@ impl Commit {
             query.execute(&mut *self.transaction).await?;
         }
         for &(channel_no, generation, _, states) in all {
-            let Some(newest) = states.last() else { continue };
-            sqlx::query(
-                "DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND
-                    (position < $3 AND position % $4 <> 0 OR position < $5 AND position % $6 <> 0)",
-            )
+            if let Some(newest) = states.last() {
+                self.thin_states(channel_no, generation, newest.position).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the states that are not stored any more with this newest one: see [`is_stored`].
+    async fn thin_states(&mut self, channel_no: i64, generation: i64, newest: u64) -> Result<(), StoreError> {
+        let ages = (RECORDS_PER_STATE.ilog2() + 1..=newest.ilog2()).map(|power| 1 << power);
+        let superfluous: Vec<String> =
+            ages.map(|age: u64| format!("position <= {} AND position % {age} <> 0", newest - age)).collect();
+        if superfluous.is_empty() {
+            return Ok(());
+        }
+        let text = format!(
+            "DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND ({})",
+            superfluous.join(" OR ")
+        );
+        sqlx::query(&text)
+            .persistent(false)
             .bind(channel_no)
             .bind(generation)
-            .bind(from_count(newest.position))
-            .bind(from_count(SEGMENTS_PER_STATE))
-            .bind(from_count(newest.position.saturating_sub(DENSE_RECORDS)))
-            .bind(from_count(SPARSE_EVERY))
             .execute(&mut *self.transaction)
             .await?;
-        }
         Ok(())
     }
 
@@ -145,12 +153,6 @@ fn from_count(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }
 
-fn is_worth_keeping(position: u64, newest: u64) -> bool {
-    position == newest
-        || position.is_multiple_of(SPARSE_EVERY)
-        || (position.is_multiple_of(SEGMENTS_PER_STATE) && position + DENSE_RECORDS >= newest)
-}
-
 fn state_of(row: &AnyRow) -> Result<FoldState, StoreError> {
     Ok(FoldState {
         last: SegmentKey {
@@ -160,4 +162,24 @@ fn state_of(row: &AnyRow) -> Result<FoldState, StoreError> {
         position: get_count(row, "position")?,
         state: get(row, "state")?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stored_states_are_few_and_the_nearest_before_a_record_is_not_far() {
+        let mut stored: Vec<u64> = Vec::new();
+        for newest in (RECORDS_PER_STATE..=100_000).step_by(16) {
+            stored.push(newest);
+            stored.retain(|position| is_stored(*position, newest));
+            assert!(stored.len() <= 2 + newest.ilog2() as usize, "{stored:?}");
+        }
+        let newest = *stored.last().unwrap();
+        for late in (1..newest).step_by(97) {
+            let before = stored.iter().rev().find(|position| **position <= late).copied().unwrap_or(0);
+            assert!(late - before <= 2 * (newest - late).max(RECORDS_PER_STATE), "{late} from {before}");
+        }
+    }
 }

@@ -74,7 +74,7 @@ pub use backup::{Copied, back_up, put_back};
 pub use channel_rows::ChannelRows;
 pub use commit::Commit;
 pub use error::StoreError;
-pub use fold_states::{FoldState, SEGMENTS_PER_NEWEST_STATE, SEGMENTS_PER_STATE};
+pub use fold_states::{FoldState, RECORDS_PER_STATE, is_stored};
 pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
 pub use integrity::FoundDamage;
 pub use journal_entry::JournalEntry;

@@ -13,13 +13,13 @@ use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::signal::{Features, Indicators};
 use crate::store::{
-    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_NEWEST_STATE,
-    SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures,
+    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RECORDS_PER_STATE, RunResult, SegmentKey,
+    StoreError, StoredFeatures, is_stored,
 };
 
 /// Records whose states are held in memory: records of parallel connections arrive nearly in order. A state to
 /// be stored is among them.
-const RECENT: u64 = SEGMENTS_PER_NEWEST_STATE;
+const RECENT: u64 = RECORDS_PER_STATE;
 
 /// The states of this many newest records are all held, before them that of each `DENSE`th record.
 const DENSE: u64 = 4;
@@ -186,16 +186,16 @@ pub(crate) fn folding(
     move || fold(&keyed, from, inputs, &timeline)
 }
 
-/// Selects the states to be stored: every [`SEGMENTS_PER_STATE`] records, and the latest at a multiple of
-/// [`SEGMENTS_PER_NEWEST_STATE`].
+/// Selects the states to be stored.
 pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceError> {
-    let newest = points.last().map_or(0, |point| point.position);
-    let latest = newest - newest % SEGMENTS_PER_NEWEST_STATE;
-    points
-        .iter()
-        .filter(|point| point.position == latest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
-        .map(FoldPoint::to_stored)
-        .collect()
+    let newest = points.last().map_or(0, |point| newest_stored(point.position));
+    let stored = points.iter().filter(|point| point.position <= newest && is_stored(point.position, newest));
+    stored.map(FoldPoint::to_stored).collect()
+}
+
+/// Position of the newest stored state of so many records.
+fn newest_stored(records: u64) -> u64 {
+    records - records % RECORDS_PER_STATE
 }
 
 /// Folds records, in the order of time, from a state or from the start. CPU-bound: for a worker thread.
@@ -231,7 +231,7 @@ fn fold(
         position += 1;
         last_time = Some(start_time);
         alarms.add(2 * position, result.changes);
-        if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT > last {
+        if is_stored(position, newest_stored(last)) || position + RECENT > last {
             points.push(FoldPoint { last: key.clone(), position, state: state.clone() });
         }
         let result = RunResult { indicators: result.indicators, wear: result.wear };
