@@ -89,12 +89,13 @@ impl Dialect {
 }
 
 /// The migrations: number, description and text.
-const MIGRATIONS: [(i64, &str, &str); 5] = [
+const MIGRATIONS: [(i64, &str, &str); 6] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
     (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
     (4, "streams", include_str!("migrations/0004_streams.sql")),
     (5, "interval", include_str!("migrations/0005_interval.sql")),
+    (6, "partitions", include_str!("migrations/0006_partitions.sql")),
 ];
 
 /// The table of tokens, in the shared database or in a separate SQLite database.

@@ -185,7 +185,7 @@ fn command(config: &Path, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
+pub(super) fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&command(config, &[arguments, &["--format", "json"]].concat())).unwrap()
 }
 

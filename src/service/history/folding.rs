@@ -1,6 +1,7 @@
 //! Folding on worker threads, and the states and timelines from which a fold starts.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::channels::{Revisions, Slot};
 use super::fold::{FoldInput, FoldPoint, Folded, folding, read_point};
@@ -15,6 +16,8 @@ use crate::store::{Asset, ChannelSummary, SegmentKey, Store};
 pub(crate) struct Folding {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
+    /// Number of states read from the store.
+    pub(crate) states_read: Arc<AtomicU64>,
 }
 
 impl Folding {
@@ -36,6 +39,7 @@ impl Folding {
         &self,
         channel: &ChannelSummary,
     ) -> Result<Option<FoldPoint>, ServiceError> {
+        self.states_read.fetch_add(1, Ordering::Relaxed);
         let stored = self.store.newest_state(channel).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
@@ -46,6 +50,7 @@ impl Folding {
         channel: &ChannelSummary,
         key: &SegmentKey,
     ) -> Result<Option<FoldPoint>, ServiceError> {
+        self.states_read.fetch_add(1, Ordering::Relaxed);
         let stored = self.store.state_before(channel, key).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
