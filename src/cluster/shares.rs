@@ -23,23 +23,19 @@ impl Changes {
     pub(super) fn of(worker: &str, owners: &PartitionOwners) -> Self {
         let (count, total) = (owners.len().max(1), usize::from(PARTITIONS));
         // If the partitions cannot be divided evenly, those that own most keep one more.
-        let mut ranked: Vec<_> =
-            owners.iter().map(|(name, owned)| (Reverse(owned.len()), name.as_str())).collect();
-        ranked.sort_unstable();
-        let rank = ranked.iter().position(|(_, name)| *name == worker).unwrap_or(count);
-        let share = total / count + usize::from(rank < total % count);
-        let nothing = BTreeSet::new();
-        let owned = owners.get(worker).unwrap_or(&nothing);
-        if owned.len() >= share {
-            return Self { release: owned.iter().skip(share).copied().collect(), claim: Vec::new() };
-        }
+        let mut ranked: Vec<_> = owners.iter().collect();
+        ranked.sort_unstable_by_key(|(name, owned)| (Reverse(owned.len()), name.as_str()));
         let taken: BTreeSet<u16> = owners.values().flatten().copied().collect();
-        let mut free: Vec<u16> = (0..PARTITIONS).filter(|partition| !taken.contains(partition)).collect();
-        // Workers that claim at the same time start at different places.
-        let start = free.len() * rank.min(count - 1) / count;
-        free.rotate_left(start);
-        free.truncate(share - owned.len());
-        Self { release: Vec::new(), claim: free }
+        let mut free = (0..PARTITIONS).filter(|partition| !taken.contains(partition));
+        for (rank, (name, owned)) in ranked.into_iter().enumerate() {
+            let share = total / count + usize::from(rank < total % count);
+            // Each worker claims others than those ranked before it.
+            let claim: Vec<u16> = free.by_ref().take(share.saturating_sub(owned.len())).collect();
+            if name == worker {
+                return Self { release: owned.iter().skip(share).copied().collect(), claim };
+            }
+        }
+        Self::default()
     }
 }
 
