@@ -140,6 +140,10 @@ impl Worker {
             () = keep_alive(&message, self.connection.settings().ack_wait / 3) => None,
         };
         let Some(_slot) = slot else {
+            // The first delivery counts unless it is excused.
+            if deliveries(&message) == 1 {
+                self.excuse(&message, "the worker stopped before it began").await;
+            }
             if let Err(error) = message.double_ack_with(AckKind::Nak(Some(DELAY_AFTER_STOP))).await {
                 tracing::debug!(%error, "failed to return a record to the queue");
             }
@@ -256,15 +260,15 @@ impl Worker {
         }
     }
 
-    /// Returns the reason if too many deliveries of a record ended without a worker that survived them.
+    /// Counts a delivery that begins; returns the reason if too many earlier ones ended without a worker that
+    /// survived them.
     async fn crashed_too_often(&self, message: &Message) -> Result<Option<String>, ClusterError> {
-        let (before, max) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
-        if before < max {
+        if deliveries(message) == 1 {
             return Ok(None);
         }
-        let attempts = Attempts::of(&self.connection, message).await?;
-        let crashes = before - attempts.excused;
-        if crashes < max {
+        let attempts = Attempts::begin(&self.connection, message).await?;
+        let crashes = attempts.crashes();
+        if crashes < i64::from(self.limits.max_deliveries) {
             return Ok(None);
         }
         let last = if attempts.last_error.is_empty() {
