@@ -2,8 +2,8 @@
 //! `cargo bench --features cluster --bench cluster`.
 //!
 //! Requires a PostgreSQL server at `FLANKWATCH_TEST_DATABASE` and a NATS server with JetStream at
-//! `FLANKWATCH_TEST_NATS`. The queue is filled before the workers start, so that only the CPU limits them;
-//! raw bytes are in a folder. The CPU time of the servers is read from `/proc` if they run on this machine.
+//! `FLANKWATCH_TEST_NATS`. The workers own their partitions and are suspended while the queue is filled, so
+//! that only the CPU limits them; raw bytes are in a folder. The CPU time of the servers is read from `/proc` if they run on this machine.
 //! `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` the records
 //! that each has in work at once.
 
@@ -11,6 +11,7 @@ mod driven;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use driven::{Service, Uploads, folder, load};
@@ -19,8 +20,11 @@ use sqlx::{Connection, PgConnection, Row};
 /// Number of records of 10 s in each measurement.
 const RECORDS: usize = 400;
 
-/// Number of assets, so that workers seldom conflict on a channel.
+/// Number of assets, so that every worker has channels.
 const ASSETS: usize = 16;
+
+/// Time in which workers get their shares of the partitions: also those of the worker that is killed before.
+const SHARED_AFTER: Duration = Duration::from_secs(18);
 
 fn main() {
     let env = |name: &str| std::env::var(name).ok();
@@ -81,6 +85,9 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
         (0..ASSETS).for_each(|n| api.make_asset(&asset(n)));
         first.wait_until_idle();
     }
+    let all: Vec<Service> = (0..workers).map(|n| worker(n + 1)).collect();
+    std::thread::sleep(SHARED_AFTER);
+    all.iter().for_each(|worker| signal(worker, "STOP"));
     let records = Uploads::new();
     let (_, user_before, system_before) = api.used();
     let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
@@ -90,8 +97,8 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
         RECORDS as f64 / seconds,
         1e3 * (user + system - user_before - system_before) / RECORDS as f64
     );
-    let all: Vec<Service> = (0..workers).map(|n| worker(n + 1)).collect();
-    // Excludes the start of the workers: reading libraries and connecting to the queue.
+    all.iter().for_each(|worker| signal(worker, "CONT"));
+    // Excludes what the workers read at first, for example libraries.
     let begin = schema.wait_for(&runtime, RECORDS / 8);
     let (before, servers_before) = (cost(&all), servers());
     let began = Instant::now();
@@ -115,6 +122,11 @@ async fn remove_streams(nats: &str, name: &str) {
     for stream in ["work", "dead", "events"] {
         let _ = jetstream.delete_stream(format!("{name}_{stream}")).await;
     }
+}
+
+fn signal(service: &Service, name: &str) {
+    let sent = Command::new("kill").args(["-s", name, &service.child.id().to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()), "the signal {name} to a worker");
 }
 
 /// Returns the CPU seconds of processes.

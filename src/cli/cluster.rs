@@ -96,23 +96,29 @@ mod with_cluster {
             format!(", the oldest for {}", duration(age))
         });
         let mut text = format!(
-            "records in the queue  {}, {} in work{oldest}\ndead letters          {}\nleftover messages     {}\nworkers               {}\n",
+            "records in the queue  {}, {} in work{oldest}\ndead letters          {}\nleftover messages     {}\npartitions unowned    {}\nworkers               {}\n",
             overview.records,
             overview.in_work,
             overview.dead_letters,
             overview.leftovers,
+            overview.partitions_unowned,
             overview.workers.len()
         );
         if !overview.workers.is_empty() {
             let longest =
                 overview.workers.iter().map(|worker| worker.name.chars().count()).max().unwrap_or_default();
-            text +=
-                &format!("\n{:longest$}  {:>8}  {:>7}  {:>12}\n", "worker", "version", "in work", "stored");
+            text += &format!(
+                "\n{:longest$}  {:>8}  {:>10}  {:>7}  {:>12}\n",
+                "worker", "version", "partitions", "in work", "stored"
+            );
             for worker in &overview.workers {
                 let in_work = format!("{}/{}", worker.in_work, worker.at_once);
                 text += &format!(
-                    "{:longest$}  {:>8}  {in_work:>7}  {:>12}\n",
-                    worker.name, worker.version, worker.stored
+                    "{:longest$}  {:>8}  {:>10}  {in_work:>7}  {:>12}\n",
+                    worker.name,
+                    worker.version,
+                    worker.partitions.len(),
+                    worker.stored
                 );
             }
         }
@@ -143,12 +149,15 @@ mod with_cluster {
                 oldest_at: Some("2026-01-01T22:58:30Z".parse().unwrap()),
                 leftovers: 0,
                 dead_letters: 3,
+                partitions_unowned: 0,
                 workers: vec![WorkerOverview {
                     name: "worker-5f4d9c7b8-x2x7q-00c0ffee".to_owned(),
                     version: "0.1.0".to_owned(),
                     in_work: 4,
                     at_once: 16,
                     stored: 123_456,
+                    partitions: (0..64).collect(),
+                    states_read: 7,
                 }],
             };
             let text = table(&overview, now);

@@ -1,8 +1,9 @@
 //! Deliveries that do not count against a record: the worker survived them and reported an error. Only
 //! deliveries that no worker survived count towards the limit.
 //!
-//! JetStream counts every delivery. The excused ones are counted in a separate stream, with one message for
-//! each record that had an error.
+//! JetStream counts every delivery, also that of a record which only waits for its turn when its worker ends.
+//! Those that began and those that are excused are counted in a separate stream, with one message for each
+//! record that had an error or was delivered again.
 
 use async_nats::jetstream::Message;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
@@ -19,7 +20,9 @@ const MAX_ERROR: usize = 1000;
 #[serde(default)]
 pub(super) struct Attempts {
     /// Number of deliveries that a worker survived.
-    pub(super) excused: i64,
+    excused: i64,
+    /// Number of deliveries after the first one for which a worker began.
+    begun: i64,
     /// Delivery number of the last excused one.
     latest: i64,
     /// The last error; empty without one.
@@ -28,7 +31,7 @@ pub(super) struct Attempts {
 
 impl Attempts {
     /// Reads the attempts of the record in a message.
-    pub(super) async fn of(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
+    async fn of(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
         let failed = ClusterError::jetstream("read the attempts of a record");
         let Some(subject) = subject(connection, message) else {
             return Ok(Self::default());
@@ -44,25 +47,43 @@ impl Attempts {
         }
     }
 
+    /// Counts that a worker begins with a record which was delivered before; returns the earlier attempts.
+    pub(super) async fn begin(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
+        let earlier = Self::of(connection, message).await?;
+        Self { begun: earlier.begun + 1, ..earlier.clone() }.store(connection, message).await?;
+        Ok(earlier)
+    }
+
+    /// Returns the number of deliveries that no worker survived. The first one counts in any case: nothing is
+    /// stored when it begins.
+    pub(super) fn crashes(&self) -> i64 {
+        1 + self.begun - self.excused
+    }
+
     /// Excuses the current delivery of a record and stores its error.
     pub(super) async fn excuse(
         connection: &Connection,
         message: &Message,
         error: &str,
     ) -> Result<(), ClusterError> {
-        let Some(subject) = subject(connection, message) else {
-            return Ok(());
-        };
         let (earlier, delivery) =
             (Self::of(connection, message).await?, message.info().map_or(1, |info| info.delivered));
         let attempts = Self {
             excused: earlier.excused + i64::from(earlier.latest < delivery),
             latest: delivery,
             last_error: error.chars().take(MAX_ERROR).collect(),
+            ..earlier
+        };
+        attempts.store(connection, message).await
+    }
+
+    async fn store(&self, connection: &Connection, message: &Message) -> Result<(), ClusterError> {
+        let Some(subject) = subject(connection, message) else {
+            return Ok(());
         };
         let failed =
             |error: async_nats::Error| ClusterError::jetstream("store the attempts of a record")(error);
-        let payload = serde_json::to_vec(&attempts).map_err(|error| failed(error.into()))?;
+        let payload = serde_json::to_vec(self).map_err(|error| failed(error.into()))?;
         let sent = connection.jetstream.publish(subject, payload.into()).await;
         sent.map_err(|error| failed(error.into()))?.await.map_err(|error| failed(error.into()))?;
         Ok(())

@@ -9,8 +9,8 @@ use async_nats::{Client, ConnectOptions, Event};
 
 use super::{ClusterError, NatsCredentials, NatsSettings};
 
-/// The consumer that all workers share.
-pub(super) const CONSUMER: &str = "workers";
+/// The pattern of all subjects of a stream.
+pub(super) const ANY_SUBJECT: &str = ">";
 
 /// Timeout of JetStream requests.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -103,7 +103,7 @@ impl Connection {
         };
         let work = StreamConfig {
             name: self.work_stream(),
-            subjects: vec![self.work_subject()],
+            subjects: vec![self.work_subject(), format!("{}.*", self.work_subject())],
             retention: RetentionPolicy::WorkQueue,
             // A full queue rejects new records: acknowledged records are never dropped for them.
             discard: DiscardPolicy::New,
@@ -174,6 +174,7 @@ impl Connection {
         format!("{}_work", self.settings.name)
     }
 
+    /// Subject of unpartitioned records, and prefix of the subjects of partitions.
     pub(super) fn work_subject(&self) -> String {
         format!("{}.work", self.settings.name)
     }

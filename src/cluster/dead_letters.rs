@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::connection::Connection;
+use super::partition::Source;
 use super::{ClusterError, message};
 use crate::service::QueuedRecord;
 
@@ -81,7 +82,8 @@ pub(super) async fn retry(connection: &Connection, number: u64) -> Result<(), Cl
     let stream = stream(connection).await?;
     let letter = message(&stream, number).await?;
     // Without a message ID: the queue may still reject the record's own as a duplicate.
-    let sent = connection.jetstream.publish(connection.work_subject(), letter.payload).await;
+    let subject = Source::of_message(&letter.payload).subject(connection);
+    let sent = connection.jetstream.publish(subject, letter.payload).await;
     sent.map_err(|error| failed()(error.into()))?.await.map_err(|error| failed()(error.into()))?;
     delete(&stream, number).await
 }

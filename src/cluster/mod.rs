@@ -15,12 +15,16 @@ mod attempts;
 #[cfg(feature = "nats")]
 mod connection;
 #[cfg(feature = "nats")]
+mod consumers;
+#[cfg(feature = "nats")]
 mod dead_letters;
 mod error;
 #[cfg(feature = "nats")]
 mod events;
 #[cfg(feature = "nats")]
 mod failure_cause;
+#[cfg(feature = "nats")]
+mod intake;
 #[cfg(feature = "nats")]
 mod member;
 #[cfg(feature = "nats")]
@@ -29,8 +33,14 @@ mod nats_settings;
 #[cfg(feature = "nats")]
 mod overview;
 #[cfg(feature = "nats")]
+mod ownership;
+#[cfg(feature = "nats")]
+mod partition;
+#[cfg(feature = "nats")]
 mod queue;
 mod settings;
+#[cfg(feature = "nats")]
+mod shares;
 #[cfg(feature = "nats")]
 mod worker;
 

@@ -2,13 +2,17 @@
 
 use std::time::Duration;
 
-use async_nats::jetstream::context::ConsumerInfoErrorKind;
-use async_nats::jetstream::stream::LastRawMessageErrorKind;
+use async_nats::jetstream::consumer::Info;
+use async_nats::jetstream::message::StreamMessage;
+use async_nats::jetstream::stream::{LastRawMessageErrorKind, Stream};
 use futures_util::StreamExt;
+use futures_util::future::try_join_all;
 use jiff::Timestamp;
 
 use super::ClusterError;
-use super::connection::{CONSUMER, Connection};
+use super::connection::{ANY_SUBJECT, Connection};
+use super::consumers::consumers;
+use super::shares::unowned;
 use crate::service::{QueueOverview, WorkerOverview};
 
 /// Time in which workers must respond.
@@ -18,43 +22,66 @@ const WORKER_TIMEOUT: Duration = Duration::from_millis(300);
 pub(super) async fn query(connection: &Connection) -> Result<QueueOverview, ClusterError> {
     let (queue, dead_letters, workers) =
         tokio::join!(queue(connection), dead_letters(connection), workers(connection));
-    Ok(QueueOverview { dead_letters: dead_letters?, workers: workers?, ..queue? })
+    let workers = workers?;
+    let partitions_unowned = unowned(workers.iter().map(|worker| &worker.partitions));
+    Ok(QueueOverview { dead_letters: dead_letters?, partitions_unowned, workers, ..queue? })
 }
 
-/// Computes the queue's numbers from the states of its stream and its consumer.
+/// Computes the queue's numbers from the states of its stream and its consumers.
 async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
-    let failed = || ClusterError::jetstream("read the state of the queue");
-    let stream = match connection.jetstream.get_stream(connection.work_stream()).await {
-        Ok(stream) => stream,
-        Err(error) => return Err(failed()(error.into())),
-    };
+    let stream = connection.work().await?;
     let state = stream.cached_info().state.clone();
-    let (known, floor, in_work) = match stream.consumer_info(CONSUMER).await {
-        Ok(info) => (
-            info.num_pending + info.num_ack_pending as u64,
-            info.ack_floor.stream_sequence,
-            info.num_ack_pending as u64,
-        ),
-        // No worker has ever connected.
-        Err(error) if error.kind() == ConsumerInfoErrorKind::NotFound => (state.messages, 0, 0),
-        Err(error) => return Err(failed()(error.into())),
+    let consumers = consumers(&stream).await?;
+    let in_work = consumers.iter().map(|consumer| consumer.num_ack_pending as u64).sum();
+    let known: u64 = consumers.iter().map(waiting_or_in_work).sum();
+    let Some(first) = first_of(&stream, ANY_SUBJECT, state.first_sequence).await? else {
+        return Ok(QueueOverview { in_work, ..QueueOverview::default() });
     };
-    // Messages up to the floor are acknowledged: those still stored are never delivered again.
-    let leftovers =
-        if floor > 0 && state.first_sequence <= floor { state.messages.saturating_sub(known) } else { 0 };
+    // Messages up to a consumer's floor are acknowledged: those still stored are never delivered again. They
+    // come to the front as the records before them are processed.
+    let floor = consumers.iter().find(|consumer| delivers(consumer, &first.subject)).map_or(0, floor_of);
+    if first.sequence > floor {
+        let oldest_at = time_of(&first);
+        return Ok(QueueOverview { records: state.messages, in_work, oldest_at, ..QueueOverview::default() });
+    }
+    let busy = consumers.iter().filter(|consumer| waiting_or_in_work(consumer) > 0);
+    let oldest = try_join_all(busy.map(|consumer| {
+        let subject = match consumer.config.filter_subject.as_str() {
+            "" => ANY_SUBJECT,
+            subject => subject,
+        };
+        first_of(&stream, subject, floor_of(consumer) + 1)
+    }));
+    let oldest_at = oldest.await?.iter().flatten().filter_map(time_of).min();
+    let leftovers = state.messages.saturating_sub(known);
     let records = state.messages.saturating_sub(leftovers);
-    let oldest_at = if records == 0 {
-        None
-    } else {
-        let from = state.first_sequence.max(floor + 1);
-        match stream.get_first_raw_message_by_subject(&connection.work_subject(), from).await {
-            Ok(oldest) => Timestamp::from_nanosecond(oldest.time.unix_timestamp_nanos()).ok(),
-            // It was completed meanwhile.
-            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => None,
-            Err(error) => return Err(failed()(error.into())),
-        }
-    };
     Ok(QueueOverview { records, in_work, oldest_at, leftovers, ..QueueOverview::default() })
+}
+
+fn waiting_or_in_work(consumer: &Info) -> u64 {
+    consumer.num_pending + consumer.num_ack_pending as u64
+}
+
+/// Returns the sequence number up to which a consumer's messages are acknowledged.
+fn floor_of(consumer: &Info) -> u64 {
+    consumer.ack_floor.stream_sequence
+}
+
+fn delivers(consumer: &Info, subject: &str) -> bool {
+    [subject, ""].contains(&consumer.config.filter_subject.as_str())
+}
+
+/// Returns the first message of a subject from a sequence number on; `None` if there is none.
+async fn first_of(stream: &Stream, subject: &str, from: u64) -> Result<Option<StreamMessage>, ClusterError> {
+    match stream.get_first_raw_message_by_subject(subject, from.max(1)).await {
+        Ok(found) => Ok(Some(found)),
+        Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+        Err(error) => Err(ClusterError::jetstream("read the state of the queue")(error.into())),
+    }
+}
+
+fn time_of(message: &StreamMessage) -> Option<Timestamp> {
+    Timestamp::from_nanosecond(message.time.unix_timestamp_nanos()).ok()
 }
 
 async fn dead_letters(connection: &Connection) -> Result<u64, ClusterError> {

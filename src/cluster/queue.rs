@@ -10,7 +10,8 @@ use futures_util::future::BoxFuture;
 use sha2::{Digest, Sha256};
 
 use super::ClusterError;
-use super::connection::Connection;
+use super::connection::{ANY_SUBJECT, Connection};
+use super::partition::Source;
 use super::{message, overview};
 use crate::asset::AssetId;
 use crate::service::{PartHealth, QueueOverview, QueuedRecord, ServiceError, WorkQueue};
@@ -45,7 +46,8 @@ impl Queue {
             expected: "one that fits into a message",
         })?;
         let message = PublishMessage::build().payload(payload).message_id(message_id(record));
-        let sent = self.connection.jetstream.send_publish(self.connection.work_subject(), message).await;
+        let subject = Source::of(&record.asset_id, &record.channel).subject(&self.connection);
+        let sent = self.connection.jetstream.send_publish(subject, message).await;
         sent.map_err(|error| busy(&error))
     }
 }
@@ -106,11 +108,8 @@ impl WorkQueue for Queue {
         Box::pin(async move {
             let connection = &self.connection;
             let mut objects = HashSet::new();
-            for (stream, subject) in [
-                (connection.work_stream(), connection.work_subject()),
-                (connection.dead_stream(), connection.dead_subject()),
-            ] {
-                let found = objects_of(connection, stream, &subject).await.map_err(|error| {
+            for stream in [connection.work_stream(), connection.dead_stream()] {
+                let found = objects_of(connection, stream).await.map_err(|error| {
                     tracing::warn!(%error, "failed to scan the queue");
                     UNREACHABLE
                 })?;
@@ -154,11 +153,7 @@ impl WorkQueue for Queue {
 }
 
 /// Returns the raw objects of the records in a stream.
-async fn objects_of(
-    connection: &Connection,
-    stream: String,
-    subject: &str,
-) -> Result<HashSet<String>, ClusterError> {
+async fn objects_of(connection: &Connection, stream: String) -> Result<HashSet<String>, ClusterError> {
     let failed = ClusterError::jetstream("scan a stream");
     let stream = match connection.jetstream.get_stream(stream).await {
         Ok(stream) => stream,
@@ -167,7 +162,7 @@ async fn objects_of(
     let mut objects = HashSet::new();
     let mut next = stream.cached_info().state.first_sequence.max(1);
     loop {
-        let found = match stream.get_first_raw_message_by_subject(subject, next).await {
+        let found = match stream.get_first_raw_message_by_subject(ANY_SUBJECT, next).await {
             Ok(found) => found,
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(objects),
             Err(error) => return Err(failed(error.into())),

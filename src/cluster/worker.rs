@@ -1,24 +1,23 @@
-//! A worker: takes records from the queue, analyses and stores them, and acknowledges them after the commit.
+//! A worker: analyses and stores the records of its partitions, and acknowledges them after the commit.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::{AckKind, Message};
 use futures_util::StreamExt;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 
 use super::attempts::Attempts;
-use super::connection::{CONSUMER, Connection};
+use super::connection::Connection;
 use super::dead_letters;
 use super::failure_cause::FailureCause;
+use super::intake::Intake;
+use super::ownership::Ownership;
 use super::{ClusterError, WorkerLimits, message, overview};
 use crate::asset::AssetId;
 use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
-
-/// Time that one request for records waits for records.
-const PULL_EXPIRY: Duration = Duration::from_secs(2);
 
 /// First and longest wait between two attempts to store a record.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -28,7 +27,7 @@ const MAX_WAIT: Duration = Duration::from_secs(5);
 const REDELIVERY_DELAY: Duration = Duration::from_secs(10);
 
 /// Delay before a record of a stopping worker is redelivered: long enough that it does not go to the same
-/// worker, whose last request for records may still be open.
+/// worker, whose last request for a record may still be open.
 const DELAY_AFTER_STOP: Duration = Duration::from_secs(1);
 
 /// Maximum attempts for a record that may itself be the cause of the failure.
@@ -37,7 +36,9 @@ const MAX_UNCERTAIN_ATTEMPTS: u32 = 5;
 /// A worker. Clones share its state.
 #[derive(Clone)]
 pub(super) struct Worker {
-    connection: Connection,
+    /// Its unique name.
+    name: String,
+    pub(super) connection: Connection,
     service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
@@ -65,7 +66,8 @@ impl Worker {
     ) -> Self {
         // The service would reject more than that, and the worker would hold them.
         limits.at_once = limits.at_once.min(service.workers.queue().1).max(1);
-        Self { connection, service, limits, stop, in_work: Arc::default() }
+        let name = overview::worker_name();
+        Self { name, connection, service, limits, stop, in_work: Arc::default() }
     }
 
     /// Processes records until it is stopped, then finishes those in work.
@@ -75,13 +77,23 @@ impl Worker {
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
         let changes = tokio::spawn(self.clone().follow_changes());
+        let (owns, owned) = watch::channel(BTreeSet::new());
+        let responder = tokio::spawn(self.respond(owned.clone()));
+        let ownership = Ownership {
+            connection: self.connection.clone(),
+            service: Arc::clone(&self.service),
+            worker: self.name.clone(),
+            owned: owns,
+        };
+        let ownership = tokio::spawn(ownership.run(self.stop.clone()));
+        let (busy, mut is_idle) = mpsc::channel(1);
         let slots = Arc::new(Semaphore::new(self.limits.at_once));
-        let responder = tokio::spawn(self.respond());
+        let intake = Intake { worker: self.clone(), owned, slots, busy };
         let mut stop = self.stop.clone();
         while !*stop.borrow() {
             let result = tokio::select! {
                 _ = stop.wait_for(|stop| *stop) => break,
-                result = self.consume(&slots) => result,
+                result = intake.run() => result,
             };
             if let Err(error) = result {
                 tracing::warn!(%error, "failed to take records from the queue, retrying");
@@ -91,75 +103,61 @@ impl Worker {
                 }
             }
         }
-        // All slots are free once no record is in work.
-        let all = u32::try_from(self.limits.at_once).unwrap_or(u32::MAX);
-        let _ = slots.acquire_many(all).await;
+        drop(intake);
+        // Others take over while the records in work are finished.
+        if let Err(error) = ownership.await {
+            tracing::error!(%error, "the ownership task failed");
+        }
+        // Each record in work holds a sender.
+        let _ = is_idle.recv().await;
         changes.abort();
         responder.abort();
     }
 
     /// Responds to status queries.
-    fn respond(&self) -> impl Future<Output = ()> + use<> {
+    fn respond(&self, owned: watch::Receiver<BTreeSet<u16>>) -> impl Future<Output = ()> + use<> {
         let (service, in_work, at_once) =
             (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
-        let name = overview::worker_name();
+        let name = self.name.clone();
         overview::respond(self.connection.clone(), move || WorkerOverview {
             name: name.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             in_work: in_work.load(Ordering::Relaxed),
             at_once: at_once as u64,
             stored: service.tally.stored(),
+            partitions: owned.borrow().iter().copied().collect(),
+            states_read: service.history.states_read(),
         })
     }
 
-    /// Takes records from the queue until a request fails; each one is processed in a task of its own.
-    async fn consume(&self, slots: &Arc<Semaphore>) -> Result<(), ClusterError> {
-        let failed = ClusterError::jetstream;
-        self.connection.prepare().await?;
-        let stream = self.connection.jetstream.get_stream(self.connection.work_stream()).await;
-        let stream = stream.map_err(|error| failed("find the queue")(error.into()))?;
-        let config = pull::Config {
-            durable_name: Some(CONSUMER.to_owned()),
-            ack_policy: AckPolicy::Explicit,
-            ack_wait: self.connection.settings().ack_wait,
-            // Unlimited: the worker counts deliveries and moves the record to the dead letters.
-            max_deliver: -1,
-            max_ack_pending: -1,
-            ..pull::Config::default()
+    /// Waits for a slot, then processes a record while holding it; announces when that begins. A record that
+    /// waits when the worker stops returns to the queue.
+    pub(super) async fn take_turn(self, message: Message, slots: Arc<Semaphore>, begun: oneshot::Sender<()>) {
+        let mut stop = self.stop.clone();
+        let slot = tokio::select! {
+            slot = slots.acquire_owned() => slot.ok(),
+            _ = stop.wait_for(|stop| *stop) => None,
+            () = keep_alive(&message, self.connection.settings().ack_wait / 3) => None,
         };
-        let consumer: PullConsumer = match stream.create_consumer(config).await {
-            Ok(consumer) => consumer,
-            Err(error) => return Err(failed("create the consumer")(error.into())),
+        let Some(_slot) = slot else {
+            // The first delivery counts unless it is excused.
+            if deliveries(&message) == 1 {
+                self.excuse(&message, "the worker stopped before it began").await;
+            }
+            if let Err(error) = message.double_ack_with(AckKind::Nak(Some(DELAY_AFTER_STOP))).await {
+                tracing::debug!(%error, "failed to return a record to the queue");
+            }
+            return;
         };
-        loop {
-            let first = Arc::clone(slots).acquire_owned().await;
-            let Ok(first) = first else { return Ok(()) };
-            let mut free = vec![first];
-            while let Ok(more) = Arc::clone(slots).try_acquire_owned() {
-                free.push(more);
-            }
-            let batch = consumer.batch().max_messages(free.len()).expires(PULL_EXPIRY).messages().await;
-            let mut messages = batch.map_err(|error| failed("request records")(error.into()))?;
-            while let Some(message) = messages.next().await {
-                let message = message.map_err(failed("take a record"))?;
-                let Some(slot) = free.pop() else {
-                    // More than requested: it is redelivered.
-                    continue;
-                };
-                let worker = self.clone();
-                tokio::spawn(async move {
-                    let in_work = Arc::clone(&worker.in_work);
-                    in_work.fetch_add(1, Ordering::Relaxed);
-                    worker.handle(message, slot).await;
-                    in_work.fetch_sub(1, Ordering::Relaxed);
-                });
-            }
-        }
+        let _ = begun.send(());
+        let in_work = Arc::clone(&self.in_work);
+        in_work.fetch_add(1, Ordering::Relaxed);
+        self.handle(message).await;
+        in_work.fetch_sub(1, Ordering::Relaxed);
     }
 
-    /// Stores the record of a message and acknowledges the message; holds the slot meanwhile.
-    async fn handle(self, message: Message, slot: OwnedSemaphorePermit) {
-        let _slot = slot;
+    /// Stores the record of a message and acknowledges the message.
+    async fn handle(self, message: Message) {
         // There are no attempts to remove for a record that is delivered for the first time and has no error.
         let mut has_attempts = deliveries(&message) > 1;
         let outcome = tokio::select! {
@@ -262,15 +260,15 @@ impl Worker {
         }
     }
 
-    /// Returns the reason if too many deliveries of a record ended without a worker that survived them.
+    /// Counts a delivery that begins; returns the reason if too many earlier ones ended without a worker that
+    /// survived them.
     async fn crashed_too_often(&self, message: &Message) -> Result<Option<String>, ClusterError> {
-        let (before, max) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
-        if before < max {
+        if deliveries(message) == 1 {
             return Ok(None);
         }
-        let attempts = Attempts::of(&self.connection, message).await?;
-        let crashes = before - attempts.excused;
-        if crashes < max {
+        let attempts = Attempts::begin(&self.connection, message).await?;
+        let crashes = attempts.crashes();
+        if crashes < i64::from(self.limits.max_deliveries) {
             return Ok(None);
         }
         let last = if attempts.last_error.is_empty() {

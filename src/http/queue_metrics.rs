@@ -92,5 +92,11 @@ fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
         "Dead letters: records that could not be stored, kept until they are retried or dropped.",
         overview.dead_letters,
     );
+    text.single(
+        "flankwatch_queue_partitions_unowned",
+        "gauge",
+        "Partitions of the queue that no responding worker owns.",
+        overview.partitions_unowned,
+    );
     text.single("flankwatch_workers_alive", "gauge", "Responding workers.", overview.workers.len());
 }

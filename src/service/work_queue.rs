@@ -102,6 +102,8 @@ pub struct QueueOverview {
     pub leftovers: u64,
     /// Records that could not be stored and became dead letters.
     pub dead_letters: u64,
+    /// Partitions of the queue that none of the workers owns.
+    pub partitions_unowned: u64,
     /// The workers that respond.
     pub workers: Vec<WorkerOverview>,
 }
@@ -119,6 +121,12 @@ pub struct WorkerOverview {
     pub at_once: u64,
     /// Records stored since its start.
     pub stored: u64,
+    /// The partitions of the queue that it owns.
+    #[serde(default)]
+    pub partitions: Vec<u16>,
+    /// Number of states of channels that it has read from the store since its start.
+    #[serde(default)]
+    pub states_read: u64,
 }
 
 /// The queue between API nodes and workers, which also notifies workers of changed assets.

@@ -30,6 +30,7 @@ mod maintenance;
 mod notification_rows;
 mod notifications;
 mod objects;
+mod queue_partitions;
 mod raw;
 mod recent_wear;
 mod record_results;
@@ -86,6 +87,7 @@ pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
 pub use objects::{
     AssetNote, Disk, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark, SystemDisk,
 };
+pub use queue_partitions::{PartitionOwners, WORKER_LEASE};
 pub use raw::GivenUp;
 pub use record_results::RecordResults;
 pub use removal::{RecordRange, RemovedRecords};

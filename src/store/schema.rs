@@ -90,7 +90,7 @@ impl Dialect {
 }
 
 /// The migrations: number, description and text.
-const MIGRATIONS: [(i64, &str, &str); 7] = [
+const MIGRATIONS: [(i64, &str, &str); 8] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
     (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
@@ -98,6 +98,7 @@ const MIGRATIONS: [(i64, &str, &str); 7] = [
     (5, "interval", include_str!("migrations/0005_interval.sql")),
     (6, "columns", include_str!("migrations/0006_columns.sql")),
     (7, "thinning", include_str!("migrations/0007_thinning.sql")),
+    (8, "partitions", include_str!("migrations/0008_partitions.sql")),
 ];
 
 /// The table of tokens, in the shared database or in a separate SQLite database.

@@ -12,6 +12,7 @@ mod mqtt;
 mod mqtt_faults;
 mod mqtt_streams;
 mod nodes;
+mod partitions;
 mod postgres;
 mod processes;
 mod queue;

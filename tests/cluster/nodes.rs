@@ -7,11 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use async_nats::jetstream;
 use flankwatch::asset::AssetId;
 use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
 use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, start, start_node};
 use flankwatch::library::{EnsembleSettings, GridSettings};
-use flankwatch::service::{Readiness, Role, Service, ServiceFolders};
+use flankwatch::service::{QueueOverview, Readiness, Role, Service, ServiceFolders};
 use flankwatch::store::{Store, StoreSettings};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -219,30 +220,68 @@ impl TestCluster {
         self.workers[worker].1.tally.stored()
     }
 
-    /// Enqueues the payload of every message of the queue again, under other message IDs.
-    pub(super) fn redeliver(&self, subject: &str, run: impl FnOnce()) -> usize {
-        let (url, subject) = (self.nats.urls[0].clone(), format!("{}.{subject}", self.nats.name));
+    /// Returns the number of states of channels that a worker read from the store.
+    pub(super) fn states_read_by(&self, worker: usize) -> u64 {
+        self.workers[worker].1.history.states_read()
+    }
+
+    /// Enqueues the payload of every message of the queue again, under other message IDs; every other one as
+    /// a node of a version without partitions does.
+    pub(super) fn redeliver(&self, run: impl FnOnce()) -> usize {
+        let (url, subject) = (self.nats.urls[0].clone(), format!("{}.work", self.nats.name));
         let (client, mut messages) = self.runtime.block_on(async {
             let client = async_nats::connect(url).await.unwrap();
-            let messages = client.subscribe(subject.clone()).await.unwrap();
+            let messages = client.subscribe(format!("{subject}.*")).await.unwrap();
             client.flush().await.unwrap();
             (client, messages)
         });
         run();
         self.runtime.block_on(async {
-            let mut payloads = Vec::new();
+            let mut found = Vec::new();
             while let Ok(Some(message)) =
                 tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut messages))
                     .await
             {
-                payloads.push(message.payload);
+                found.push(message);
             }
             messages.unsubscribe().await.unwrap();
-            for payload in &payloads {
-                client.publish(subject.clone(), payload.clone()).await.unwrap();
+            for (n, message) in found.iter().enumerate() {
+                let to = if n % 2 == 0 { message.subject.to_string() } else { subject.clone() };
+                client.publish(to, message.payload.clone()).await.unwrap();
             }
             client.flush().await.unwrap();
-            payloads.len()
+            found.len()
+        })
+    }
+
+    /// Returns the state of the queue and its workers.
+    pub(super) fn overview(&self) -> QueueOverview {
+        self.runtime
+            .block_on(async { Cluster::connect(self.nats.clone()).await.unwrap().overview().await.unwrap() })
+    }
+
+    /// Waits until the workers own these numbers of partitions, in ascending order.
+    #[track_caller]
+    pub(super) fn wait_for_partitions(&self, expected: &[usize]) {
+        let began = Instant::now();
+        loop {
+            let overview = self.overview();
+            let mut owned: Vec<usize> = overview.workers.iter().map(|one| one.partitions.len()).collect();
+            owned.sort_unstable();
+            if owned == expected {
+                assert_eq!(overview.partitions_unowned, 0);
+                return;
+            }
+            assert!(began.elapsed() < Duration::from_secs(30), "still {owned:?}, expected {expected:?}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Runs `work` on the queue's server; it gets the name of the cluster.
+    pub(super) fn on_server<T>(&self, work: impl AsyncFnOnce(jetstream::Context, &str) -> T) -> T {
+        self.runtime.block_on(async {
+            let client = async_nats::connect(&self.nats.urls[0]).await.unwrap();
+            work(jetstream::new(client), &self.nats.name).await
         })
     }
 

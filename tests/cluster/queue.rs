@@ -150,21 +150,26 @@ fn records_wait_while_the_databases_disk_is_full_even_if_workers_die() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 2\n")).unwrap();
+    let limits = "[cluster.worker]\nmax_deliveries = 2\nat_once = 2\n";
+    std::fs::write(&config, format!("{text}{limits}")).unwrap();
     let (api, mut worker) = (site.api(&config), site.worker(&config));
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     site.database.set_full(true);
     for n in 0..4 {
-        api.client.upload("pump", &record("1", n));
+        api.client.upload("pump", &record(&n.to_string(), n));
     }
-    wait_until_held(&worker, 4);
+    // The worker holds two records, and the others wait for their turn.
+    wait_until_held(&worker, 2);
     // A stopped worker returns its records and a killed one leaves them; each time the disk is the cause.
-    worker.process.signal("TERM");
-    let mut worker = site.worker(&config);
-    wait_until_held(&worker, 4);
-    worker.process.kill();
-    let worker = site.worker(&config);
-    wait_until_held(&worker, 4);
+    for kill in [false, true, true, true] {
+        if kill {
+            worker.process.kill();
+        } else {
+            worker.process.signal("TERM");
+        }
+        worker = site.worker(&config);
+        wait_until_held(&worker, 2);
+    }
     assert_eq!(api.client.get("/v1/assets/pump")["summary"]["segments"], 0);
     site.database.set_full(false);
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 4);
@@ -185,7 +190,7 @@ fn command(config: &Path, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
+pub(super) fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&command(config, &[arguments, &["--format", "json"]].concat())).unwrap()
 }
 

@@ -43,7 +43,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
         alone.upload("pump", record);
     }
     all.shuffle(&mut ChaCha8Rng::seed_from_u64(7));
-    let redelivered = cluster.redeliver("work", || {
+    let redelivered = cluster.redeliver(|| {
         for (n, record) in all.iter().enumerate() {
             let answer = nodes[n % 2].upload("pump", record);
             assert!(answer["state"] == "queued" || answer["wear"].is_object(), "{answer}");

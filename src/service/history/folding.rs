@@ -1,6 +1,7 @@
 //! Folding on worker threads, and the states and timelines from which a fold starts.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::channels::{Revisions, Slot};
 use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, folding, read_point};
@@ -19,6 +20,8 @@ const MAX_FOLDED_AGAIN: u32 = 128;
 pub(crate) struct Folding {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
+    /// Number of states read from the store.
+    pub(crate) states_read: Arc<AtomicU64>,
 }
 
 impl Folding {
@@ -43,6 +46,7 @@ impl Folding {
         channel: &ChannelSummary,
         timeline: &Arc<Timeline>,
     ) -> Result<RecentPoints, ServiceError> {
+        self.states_read.fetch_add(1, Ordering::Relaxed);
         let from = match self.store.newest_state(channel).await? {
             None => None,
             Some(stored) => match read_point(channel, stored) {
@@ -70,6 +74,7 @@ impl Folding {
         channel: &ChannelSummary,
         key: &SegmentKey,
     ) -> Result<Option<FoldPoint>, ServiceError> {
+        self.states_read.fetch_add(1, Ordering::Relaxed);
         let stored = self.store.state_before(channel, key).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }

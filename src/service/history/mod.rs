@@ -12,6 +12,7 @@ mod timeline;
 mod update_queue;
 
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -58,7 +59,8 @@ impl History {
     ) -> Self {
         let channels = Arc::<channels::Channels>::default();
         let progress = Arc::new(Progress::new(events.clone()));
-        let folding = Folding { store: store.clone(), workers: Arc::clone(&workers) };
+        let folding =
+            Folding { store: store.clone(), workers: Arc::clone(&workers), states_read: Arc::default() };
         let recomputer = Recomputer {
             store,
             workers,
@@ -87,6 +89,11 @@ impl History {
         slot: OwnedMutexGuard<Slot>,
     ) -> Result<Appended<'a>, ServiceError> {
         self.folding.append(&self.simulations, asset, current, channel, new, slot).await
+    }
+
+    /// Number of states of channels read from the store to append records to them.
+    pub fn states_read(&self) -> u64 {
+        self.folding.states_read.load(Ordering::Relaxed)
     }
 
     /// Forgets a deleted asset.
