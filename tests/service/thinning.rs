@@ -5,14 +5,24 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::running::{Service, mcap, minute, plain_asset, record};
-use flankwatch::http::ServiceConfig;
 use flankwatch::service::OldResults;
+use flankwatch::store::Thinning;
+use jiff::SignedDuration;
 
 const RECORDS: u32 = 240;
 
-fn thinned(config: &mut ServiceConfig) {
-    let minutes = |n: u64| Duration::from_secs(60 * n);
-    config.work.old_results = Some(OldResults { age: minutes(100), interval: minutes(10) });
+fn minutes(n: u64) -> Duration {
+    Duration::from_secs(60 * n)
+}
+
+/// Thins results that are older than 100 minutes to one in ten minutes; returns how many records went.
+fn thin(service: &Service) -> u64 {
+    let thinning = Thinning {
+        now: minute(365 * 24 * 60),
+        age: SignedDuration::from_mins(100),
+        interval: SignedDuration::from_mins(10),
+    };
+    service.run(service.service().store.thin_results(thinning)).unwrap()
 }
 
 /// Sends one record a minute for four hours, with a service of the machine after the first.
@@ -29,35 +39,30 @@ fn items(service: &Service) -> Vec<Value> {
     trend["items"].as_array().unwrap().clone()
 }
 
-/// Starts the service again at a time when a round of thinning is due.
-fn restart_later(service: &mut Service) {
-    service.stop();
-    service.clock.advance(2 * 24 * 3600);
-    service.launch();
+fn wait_for_the_quota(service: &Service) {
+    let oldest = items(service)[0]["segment_id"].as_str().unwrap().to_owned();
+    let began = Instant::now();
+    while service.get(&format!("/v1/segments/{oldest}/waveform")).status != 410 {
+        assert!(began.elapsed() < Duration::from_secs(60), "the quota is not applied");
+        std::thread::sleep(Duration::from_millis(10));
+    }
 }
 
 #[test]
 fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
-    let mut service = Service::start_with(|config| {
-        thinned(config);
-        config.work.quotas.bytes = Some(100_000);
-    });
+    let service = Service::start_with(|config| config.work.quotas.bytes = Some(100_000));
     send(&service);
     let all = items(&service);
     assert_eq!(all.len(), RECORDS as usize);
-    let oldest = format!("/v1/segments/{}/waveform", all[0]["segment_id"].as_str().unwrap());
-    let began = Instant::now();
-    while service.get(&oldest).status != 410 {
-        assert!(began.elapsed() < Duration::from_secs(60), "the quota is not applied");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_for_the_quota(&service);
     // The baseline is of 8 records, and twice as many are kept after the start and after the event.
     let is_kept = |n: u32| n < 16 || (60..76).contains(&n) || n % 10 == 0 || n >= RECORDS - 1 - 100;
     let kept: Vec<Value> =
         (0..RECORDS).zip(&all).filter(|(n, _)| is_kept(*n)).map(|(_, item)| item.clone()).collect();
-    restart_later(&mut service);
-    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == kept.len());
+    assert_eq!(thin(&service), u64::from(RECORDS) - kept.len() as u64);
     assert_eq!(items(&service), kept);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], kept.len());
+    assert_eq!(thin(&service), 0);
 
     // The history that is left can be folded again, and goes on.
     let mut asset = plain_asset("pump");
@@ -73,11 +78,23 @@ fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
 
 #[test]
 fn results_of_records_with_raw_bytes_are_all_kept() {
-    let mut service = Service::start_with(thinned);
+    let service = Service::start();
     send(&service);
-    restart_later(&mut service);
-    // The round is over once it is claimed and a later statement of the same connection is done.
-    service.upload("pump", &record("1", RECORDS));
-    std::thread::sleep(Duration::from_millis(500));
-    assert_eq!(items(&service).len(), RECORDS as usize + 1);
+    assert_eq!(thin(&service), 0);
+    assert_eq!(items(&service).len(), RECORDS as usize);
+}
+
+#[test]
+fn a_service_thins_by_itself() {
+    let mut service = Service::start_with(|config| {
+        config.work.quotas.bytes = Some(100_000);
+        config.work.old_results = Some(OldResults { age: minutes(100), interval: minutes(10) });
+    });
+    send(&service);
+    wait_for_the_quota(&service);
+    // The next round is due an hour after the first one, at the start.
+    service.stop();
+    service.clock.advance(2 * 24 * 3600);
+    service.launch();
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] != RECORDS);
 }
