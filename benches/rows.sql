@@ -1,11 +1,11 @@
 -- Fills the tables of a PostgreSQL store with many records and measures the service's own statements on them.
 --
 --   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 \
---     -v indicators=10 -v features=6 -f benches/rows.sql
+--     -v indicators=233 -v features=630 -f benches/rows.sql
 --
 -- flankwatch creates the schema's tables: start it once on `postgres://…?options[search_path]=rows`, and stop it.
--- Rows are inserted in time order over all channels, like records. `indicators` and `features` set the length of
--- their texts.
+-- Rows are inserted in time order over all channels, like records. `indicators` and `features` are the lengths of
+-- these columns in bytes; those above are of a record of an asset with a gear pair.
 \set ON_ERROR_STOP on
 \timing on
 SET search_path TO :schema;
@@ -19,22 +19,25 @@ INSERT INTO assets (id, spec, created_at_ns, updated_at_ns)
 INSERT INTO channels (channel_no, asset_id, name, segments, first_start_ns, last_start_ns, revision, rewritten_revision)
     SELECT n, 'machine-' || n, '1', :records, 0, (:records - 1) * 60000000000::bigint, 1, 0 FROM generate_series(1, :channels) n;
 
-\echo '--- segments, then analyses, then wear estimates'
+\echo '--- segments, then analyses, wear estimates and posteriors'
 INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point, raw_sha256, raw_bytes,
         raw_media_type, raw_channel_index)
     SELECT lpad(to_hex(17179869184 + t * 60), 9, '0') || left(md5(t || '/' || c), 15), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
         '{"shaft_speed_hz":24.9,"torque_nm":118.4}', md5(t || ':' || c) || md5(c || ':' || t), 102512, 'application/x-protobuf', 0
     FROM generate_series(0, :records - 1) t, LATERAL generate_series(1, :channels + 0 * t) c;
-SELECT '{"values":{' || string_agg('"indicator_' || k || '":0.12345678901234' || k, ',') || '}}' AS indicators FROM generate_series(1, :indicators) k \gset
-SELECT '{"values":{' || string_agg('"mesh_' || k || '":0.12345678901234' || k, ',') || '}}' AS features FROM generate_series(1, :features) k \gset
+SELECT substr(string_agg(md5('i' || k), ''), 1, 2 * :indicators) AS indicators FROM generate_series(0, :indicators / 16) k \gset
+SELECT substr(string_agg(md5('f' || k), ''), 1, 2 * :features) AS features FROM generate_series(0, :features / 16) k \gset
 INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
-    SELECT id, 0, md5('analysis'), md5('feature'), '{"shaft_speed_hz":24.9,"source":"mesh_comb","confidence":0.98}', '{"revolutions":24}',
-        :'indicators', :'features'
+    SELECT id, 0, md5('analysis'), md5('feature'), rpad('{"shaft_speed_hz":24.9,"source":"mesh_comb"', 178, 'x'), rpad('{', 224, 'x'),
+        decode(:'indicators', 'hex'), decode(:'features', 'hex')
     FROM segments;
 INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, low_um, high_um, log_evidence, estimate, run_indicators)
-    SELECT id, 0, 'tracking', 'explained by wear', 12.5, 12.6, 9.8, 15.9, -31.4, '{"status":"tracking","reason":"explained by wear","median_um":12.5,"mean_um":12.6,"low_um":9.8,"high_um":15.9,"method":"grid"}',
-        '{"values":{"na4":2.913451231,"nb4":3.012312314}}'
+    SELECT id, 0, 'estimated', 'wear 12 µm, between 9 and 16 µm with 90 % probability', 12.5, 12.6, 9.8, 15.9, -31.4,
+        (SELECT string_agg(md5('e' || k), '') FROM generate_series(1, 30) k), decode(repeat('01', 33), 'hex')
     FROM segments;
+INSERT INTO wear_posteriors (segment_id, generation, probability)
+    SELECT id, 0, decode((SELECT string_agg(md5('p' || k), '') FROM generate_series(1, 26) k), 'hex') FROM segments;
+ANALYZE wear_posteriors;
 ANALYZE segments;
 ANALYZE analyses;
 ANALYZE wear_estimates;
@@ -42,7 +45,7 @@ ANALYZE wear_estimates;
 \echo '--- sizes'
 SELECT relname, reltuples::bigint AS rows, pg_size_pretty(pg_relation_size(oid)) AS heap, pg_size_pretty(pg_indexes_size(oid)) AS indexes,
         round(pg_total_relation_size(oid) / greatest(reltuples, 1)::numeric) AS bytes_per_row
-    FROM pg_class WHERE relnamespace = :'schema'::regnamespace AND relname IN ('segments', 'analyses', 'wear_estimates');
+    FROM pg_class WHERE relnamespace = :'schema'::regnamespace AND relname IN ('segments', 'analyses', 'wear_estimates', 'wear_posteriors');
 
 \echo '--- a block of a trend: 4096 records of a channel after a time (cold, then repeated)'
 PREPARE trend (bigint, bigint, text, bigint) AS
@@ -57,7 +60,7 @@ EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 
 
 \echo '--- the latest 50 segments of a channel with their wear (cold, then repeated)'
 PREPARE latest (bigint) AS
-    SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.wear_um, p.probability
+    SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.probability
     FROM (
         SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= -9223372036854775808 AND start_time_ns < 9223372036854775807
             AND (start_time_ns, id) < (9223372036854775807, '')

@@ -2,6 +2,7 @@
 //! MQTT.
 #![cfg(test)]
 
+mod all_faults;
 mod broker;
 mod client;
 mod concurrent_changes;

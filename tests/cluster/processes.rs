@@ -75,14 +75,32 @@ pub(super) struct Program {
 
 impl Program {
     pub(super) fn api(program: &Path, config: &Path, folder: &Path) -> Self {
-        Self::start(program, &["serve", "--listen", "127.0.0.1:0"], config, folder)
+        Self::start(program, &["serve", "--listen", "127.0.0.1:0"], config, folder, &[])
     }
 
     pub(super) fn worker(program: &Path, config: &Path, folder: &Path) -> Self {
-        Self::start(program, &["work", "--health", "127.0.0.1:0"], config, folder)
+        Self::start(program, &["work", "--health", "127.0.0.1:0"], config, folder, &[])
     }
 
-    fn start(program: &Path, arguments: &[&str], config: &Path, folder: &Path) -> Self {
+    /// Starts a worker whose clock is ahead by some days, or behind.
+    pub(super) fn worker_at(program: &Path, config: &Path, folder: &Path, days: i32) -> Self {
+        let library = ["x86_64-linux-gnu", "aarch64-linux-gnu"]
+            .map(|machine| PathBuf::from(format!("/usr/lib/{machine}/faketime/libfaketime.so.1")));
+        let library =
+            needed(library.into_iter().find(|file| file.is_file()), "faketime (apt install faketime)");
+        let (library, offset) = (library.display().to_string(), format!("{days:+}d"));
+        let clock =
+            [("LD_PRELOAD", &*library), ("FAKETIME", &*offset), ("FAKETIME_DONT_FAKE_MONOTONIC", "1")];
+        Self::start(program, &["work", "--health", "127.0.0.1:0"], config, folder, &clock)
+    }
+
+    fn start(
+        program: &Path,
+        arguments: &[&str],
+        config: &Path,
+        folder: &Path,
+        environment: &[(&str, &str)],
+    ) -> Self {
         let mut command = Command::new(program);
         command
             .args(arguments)
@@ -93,6 +111,7 @@ impl Program {
             .env("FLANKWATCH_LOG", "info")
             .env("FLANKWATCH_S3_ACCESS_KEY_ID", "test")
             .env("FLANKWATCH_S3_SECRET_ACCESS_KEY", "test")
+            .envs(environment.iter().copied())
             .stdout(Stdio::piped());
         let mut process = Process::spawn(command);
         let mut out = BufReader::new(process.child.stdout.take().unwrap());

@@ -135,7 +135,7 @@ fn wait_until_held(worker: &Program, count: usize) {
 }
 
 /// Returns the number of dead letters.
-fn dead_letters(site: &Site) -> u64 {
+pub(super) fn dead_letters(site: &Site) -> u64 {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let jetstream = async_nats::jetstream::new(async_nats::connect(site.nats.url()).await.unwrap());

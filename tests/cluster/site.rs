@@ -111,6 +111,11 @@ impl Site {
         Program::api(&self.program, config, &folder)
     }
 
+    pub(super) fn worker_at(&mut self, config: &Path, days: i32) -> Program {
+        let folder = self.own_folder();
+        Program::worker_at(&self.program, config, &folder, days)
+    }
+
     pub(super) fn worker(&mut self, config: &Path) -> Program {
         let folder = self.own_folder();
         Program::worker(&self.program, config, &folder)

@@ -1,0 +1,177 @@
+//! All faults of a cluster at the same time: nothing acknowledged is lost, nothing is stored twice, and only
+//! what is wrong with a message makes a dead letter.
+//!
+//! `FLANKWATCH_FAULT_ROUNDS` sets how often they are repeated.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use flankwatch::recording::{BlockEncoding, encode_block};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::json;
+
+use super::broker::{Broker, LONGEST, Listener, Sender, unique};
+use super::postgres::Stop;
+use super::processes::S3Server;
+use super::queue::dead_letters;
+use super::site::{Site, Uploads, rounds};
+use crate::proxy::{Proxy, Wire};
+use crate::running::{plain_asset, record};
+
+/// Messages sent over MQTT in each round.
+const MESSAGES: u32 = 10;
+
+/// The servers and connections that are away for a while.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Database,
+    /// Only for one of the workers, and without a closed connection.
+    DatabaseWire,
+    Queue,
+    Bucket,
+    Broker,
+}
+
+/// The servers of a site that can be taken away.
+struct Parts {
+    site: Site,
+    database_wire: Proxy,
+    bucket_wire: Proxy,
+    broker: Broker,
+}
+
+impl Parts {
+    fn take_away(&mut self, part: Part, round: u32) {
+        match part {
+            // Alternately a crash and a fast shutdown.
+            Part::Database => {
+                let how = if round.is_multiple_of(2) { Stop::Immediate } else { Stop::Fast };
+                self.site.postgres.as_mut().unwrap().stop(how);
+            }
+            Part::DatabaseWire => self.database_wire.set(Wire::Silent),
+            Part::Queue => self.site.nats.kill(),
+            Part::Bucket => self.bucket_wire.set(Wire::Closed),
+            Part::Broker => self.broker.end("-TERM"),
+        }
+    }
+
+    fn bring_back(&mut self, part: Part) {
+        match part {
+            Part::Database => self.site.postgres.as_mut().unwrap().start_again(),
+            Part::DatabaseWire => {
+                self.database_wire.set(Wire::Closed);
+                self.database_wire.set(Wire::Whole);
+            }
+            Part::Queue => self.site.nats.start_again(),
+            Part::Bucket => self.bucket_wire.set(Wire::Whole),
+            Part::Broker => self.broker.launch(),
+        }
+    }
+}
+
+/// Puts a message into the queue that is no record.
+fn enqueue_poison(site: &Site, round: u32) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let jetstream = async_nats::jetstream::new(async_nats::connect(site.nats.url()).await.unwrap());
+        let subject = format!("faults.work.{}", round % 64);
+        jetstream.publish(subject, "no record".into()).await.unwrap().await.unwrap();
+    });
+}
+
+/// Settings of a node that also takes records over MQTT.
+fn with_mqtt(config: &Path, broker: &Broker) -> PathBuf {
+    let path = config.with_file_name("mqtt.toml");
+    let text = format!(
+        "[mqtt]\nurl = \"mqtt://127.0.0.1:{}\"\nclient_id = {:?}\nsession_expiry_s = 600\n{}",
+        broker.port,
+        unique("node"),
+        std::fs::read_to_string(config).unwrap()
+    );
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn a_moment(random: &mut ChaCha8Rng) {
+    std::thread::sleep(Duration::from_millis(random.random_range(50..400)));
+}
+
+#[test]
+#[ignore = "needs PostgreSQL's programs, nats-server, moto_server, mosquitto and faketime"]
+fn all_faults_at_once_lose_nothing() {
+    let bucket = S3Server::start();
+    let mut site = Site::with_own_postgres();
+    let database_wire = Proxy::to(site.database_server());
+    let bucket_wire = Proxy::to(bucket.address());
+    site.objects = format!("bucket = \"records\"\nendpoint = \"http://{}\"", bucket_wire.address());
+    let (config, cut) = (site.config(None), site.config(Some(&database_wire)));
+    let broker = Broker::start();
+    let over_mqtt = with_mqtt(&config, &broker);
+    let steady = site.api(&config);
+    for (id, of) in [("pump", None), ("fan", None), ("pinion", Some("fan"))] {
+        let mut asset = plain_asset(id);
+        if let Some(of) = of {
+            asset["sensor"]["of"] = json!(of);
+        }
+        steady.client.send_json("POST", "/v1/assets", &asset, 201);
+    }
+    let rejected = Listener::connect(broker.port, "flankwatch/pinion/+/rejected");
+    let mut sender = Sender::connect(broker.port);
+    let mut node = site.api(&over_mqtt);
+    let mut workers = vec![site.worker(&config), site.worker(&cut)];
+    let mut parts = Parts { site, database_wire, bucket_wire, broker };
+    let (uploads, mut random) = (Uploads::default(), ChaCha8Rng::seed_from_u64(20_261_126));
+    let block = |n: u32| encode_block(&record("1", n), BlockEncoding::Protobuf);
+    for round in 0..rounds() {
+        uploads.during(&[&steady.client], || {
+            for n in round * MESSAGES..(round + 1) * MESSAGES {
+                sender.send("flankwatch/fan/1/waveform", &block(n));
+            }
+            sender.send("flankwatch/pinion/1/waveform", &block(round));
+            enqueue_poison(&parts.site, round);
+            parts.site.database.set_full(true);
+            let days = if round.is_multiple_of(2) { 8 } else { -8 };
+            let replaced = parts.site.worker_at(&config, days);
+            workers.insert(1, replaced);
+            a_moment(&mut random);
+            // One of the workers, in turn, and the node that receives over MQTT.
+            workers.remove(0).process.kill();
+            node.process.kill();
+            let mut away = [Part::Database, Part::DatabaseWire, Part::Queue, Part::Bucket, Part::Broker];
+            away.shuffle(&mut random);
+            for part in away {
+                parts.take_away(part, round);
+                a_moment(&mut random);
+            }
+            away.shuffle(&mut random);
+            for part in away {
+                parts.bring_back(part);
+                a_moment(&mut random);
+            }
+            parts.site.database.set_full(false);
+            node = parts.site.api(&over_mqtt);
+        });
+        workers.push(parts.site.worker(if round.is_multiple_of(2) { &cut } else { &config }));
+        workers.truncate(3);
+        for program in workers.iter().chain([&steady, &node]) {
+            program.wait_for_readiness(200);
+        }
+        uploads.wait_until_stored(&steady.client);
+    }
+    let messages = rounds() * MESSAGES;
+    for asset in ["fan", "pinion"] {
+        steady
+            .client
+            .wait_for(&format!("/v1/assets/{asset}"), |asset| asset["summary"]["segments"] == messages);
+    }
+    assert!(rejected.wait_for(rounds() as usize).iter().all(|(_, problem)| problem["status"] == 409));
+    let began = Instant::now();
+    while dead_letters(&parts.site) < u64::from(rounds()) {
+        assert!(began.elapsed() < LONGEST, "{} dead letters", dead_letters(&parts.site));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    uploads.compare(&steady.client);
+    assert_eq!(dead_letters(&parts.site), u64::from(rounds()));
+}
