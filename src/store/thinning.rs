@@ -18,6 +18,10 @@ const CHANNELS_AT_ONCE: usize = 500;
 /// Records of a channel examined in one transaction.
 const EXAMINED_AT_ONCE: usize = 2048;
 
+/// Part of the age that passes between two times that a channel is thinned: each time its stored trend is made
+/// again.
+const STEPS_PER_AGE: i32 = 16;
+
 /// Factor on the number of baseline records: as many records are kept after the start of a channel and after
 /// each maintenance event, since some of them may not be usable.
 const KEPT_PER_BASELINE_RECORD: i64 = 2;
@@ -53,11 +57,20 @@ struct KeptStarts {
     records: i64,
 }
 
+/// The time that is earlier by `by`, but not before 1970.
+fn earlier(time: Timestamp, by: SignedDuration) -> Timestamp {
+    time.checked_sub(by).map_or(Timestamp::UNIX_EPOCH, |time| time.max(Timestamp::UNIX_EPOCH))
+}
+
 impl Thinning {
-    /// The time before which the records of a channel are old; `None` if none is.
-    fn before(&self, channel: &ChannelSummary) -> Option<Timestamp> {
-        let before = channel.last_start_time?.min(self.now).checked_sub(self.age).ok()?;
-        (channel.first_start_time? < before).then_some(before)
+    /// The time before which the records of a channel are old, whose latest record is at `latest`.
+    fn before(&self, latest: Timestamp) -> Timestamp {
+        earlier(latest.min(self.now), self.age)
+    }
+
+    /// A channel is due if it is thinned until an earlier time than this.
+    fn due(&self, before: Timestamp) -> Timestamp {
+        earlier(before, self.age / STEPS_PER_AGE)
     }
 }
 
@@ -91,9 +104,8 @@ impl Store {
             for row in &rows {
                 let channel = channel_of(row)?;
                 after = channel.channel_no;
-                let Some(before) = thinning.before(&channel) else { continue };
                 loop {
-                    let (count, is_done) = self.thin_next(&channel, before, thinning.interval).await?;
+                    let (count, is_done) = self.thin_next(&channel, thinning).await?;
                     removed += count;
                     if is_done {
                         break;
@@ -110,8 +122,7 @@ impl Store {
     async fn thin_next(
         &self,
         channel: &ChannelSummary,
-        before: Timestamp,
-        interval: SignedDuration,
+        thinning: Thinning,
     ) -> Result<(u64, bool), StoreError> {
         let events = self.maintenance(&channel.asset_id).await?;
         let mut commit = self.begin().await?;
@@ -130,12 +141,16 @@ impl Store {
         }
         let records = KEPT_PER_BASELINE_RECORD * i64::from(asset.spec.baseline.records);
         let kept = KeptStarts { starts_ns, records };
+        let before = thinning.before(channel.last_start_time.unwrap_or(Timestamp::UNIX_EPOCH));
+        let (thinned_until_ns, first) = commit.old_records(&channel, before, 1).await?;
+        let is_due = thinned_until_ns < to_ns(thinning.due(before))?;
         // Mostly the earliest record that is left still has its raw bytes.
-        if commit.old_records(&channel, before, 1).await?.1.iter().any(|record| record.has_raw) {
+        if !is_due || first.iter().all(|record| record.has_raw) {
             return Ok((0, true));
         }
-        let (thinned_until_ns, old) = commit.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
-        let (removed, until_ns) = commit.to_remove(&channel, thinned_until_ns, &old, &kept, interval).await?;
+        let (_, old) = commit.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
+        let (removed, until_ns) =
+            commit.to_remove(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
         for chunk in removed.chunks(ROWS_AT_ONCE) {
             let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
             let mut query = sqlx::query(&text).persistent(commit.dialect.caches_statement(chunk.len()));
