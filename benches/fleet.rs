@@ -23,7 +23,7 @@ const NODE_S: f64 = 2.6e-3;
 /// Bytes of a record: raw, rows with indexes, write-ahead log.
 const RAW_BYTES: f64 = 800e3;
 const ROW_BYTES: f64 = 4.4e3;
-const LOG_BYTES: f64 = 28e3;
+const LOG_BYTES: f64 = 26e3;
 
 /// Bytes of a channel's stored states of the fold.
 const STATE_BYTES: f64 = 3e6;
@@ -107,7 +107,8 @@ fn waits(machines: f64, workers: usize) -> Waits {
 
 fn bytes(bytes: f64) -> String {
     match bytes {
-        b if b < 1e12 => format!("{:.3} GB", b / 1e9),
+        b if b < 1e10 => format!("{:.1} GB", b / 1e9),
+        b if b < 1e12 => format!("{:.0} GB", b / 1e9),
         b if b < 1e15 => format!("{:.1} TB", b / 1e12),
         b => format!("{:.1} PB", b / 1e15),
     }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use tokio::sync::OwnedMutexGuard;
 
+use super::History;
 use super::channels::{Revisions, Slot};
 use super::fold::{FoldInput, Folded, states_of, while_recomputing};
 use super::folding::Folding;
@@ -193,7 +194,7 @@ impl Appended<'_> {
     }
 
     /// Updates the channel's slot and returns the stored segments. To be called after the commit.
-    pub(crate) fn committed(self, simulations: &Simulations) -> Committed {
+    fn committed(self, simulations: &Simulations, are_many: bool) -> Committed {
         let Self { asset, channel, mut new, mut slot, fold, .. } = self;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
@@ -201,13 +202,24 @@ impl Appended<'_> {
                 // Nothing else notices that the library of a new channel became ready in the meantime.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
-                slot.points.get_or_insert_default().replace(after, folded.points);
+                let points = slot.points.get_or_insert_default();
+                points.replace(after, folded.points);
+                if are_many {
+                    points.keep_newest();
+                }
                 (folded.results, is_outdated)
             }
             Fold::Deferred { results } => (results, true),
         };
         let stored = results.into_iter().filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
         Committed { segments: stored.collect(), outdated: is_outdated.then(|| asset.spec.id.clone()) }
+    }
+}
+
+impl History {
+    /// Updates the state of a channel in memory after the commit, and returns the stored segments.
+    pub(crate) fn committed(&self, appended: Appended<'_>) -> Committed {
+        appended.committed(&self.simulations, self.channels.are_many())
     }
 }
 

@@ -10,9 +10,12 @@ use super::timeline::Timeline;
 use crate::asset::AssetId;
 use crate::store::{Asset, ChannelSummary};
 
+/// Number of channels up to which each keeps its recent states; with more, each keeps its newest state only.
+const MAX_WITH_RECENT: usize = 512;
+
 /// Number of channels from which on the slots that are not in use are dropped; their data is read again when
-/// needed.
-const MAX_CACHED: usize = 512;
+/// needed. A state that tracks wear has some 0.1 MB.
+const MAX_CACHED: usize = 4096;
 
 /// The revisions of a channel and its asset in the store. Data read at these revisions is valid as long as
 /// the store has the same ones.
@@ -76,6 +79,11 @@ impl Channels {
             slots.retain(|_, slot| Arc::strong_count(slot) > 1);
         }
         Arc::clone(slots.entry((asset.clone(), channel.to_string())).or_default())
+    }
+
+    /// Whether there are so many channels that each keeps its newest state only.
+    pub(crate) fn are_many(&self) -> bool {
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner).len() > MAX_WITH_RECENT
     }
 
     /// Locks a channel for changes.

@@ -161,6 +161,11 @@ impl RecentPoints {
         self.points.iter().rev().find(|point| point.last < *key)
     }
 
+    /// Drops all states but the newest.
+    pub(crate) fn keep_newest(&mut self) {
+        self.points.drain(..self.points.len().saturating_sub(1));
+    }
+
     /// Replaces the states after position `after`.
     pub(crate) fn replace(&mut self, after: u64, points: Vec<FoldPoint>) {
         while self.points.back().is_some_and(|point| point.position > after) {

@@ -262,7 +262,7 @@ impl Committer {
         let mut stored = Vec::new();
         let mut outdated = Vec::new();
         for channel in appended {
-            let Committed { segments, outdated: asset } = channel.committed(&self.simulations);
+            let Committed { segments, outdated: asset } = self.history.committed(channel);
             stored.extend(segments);
             outdated.extend(asset);
         }
