@@ -5,8 +5,8 @@ use sqlx::any::AnyRow;
 
 use super::assets::channel_of;
 use super::commit::{Commit, ROWS_AT_ONCE};
-use super::rows::{from_ns, get, placeholders, to_ns};
-use super::{ChannelSummary, SegmentKey, Store, StoreError};
+use super::rows::{get, placeholders, to_ns};
+use super::{ChannelSummary, Store, StoreError};
 use crate::asset::SegmentId;
 
 /// Time between two rounds of thinning by any process.
@@ -18,8 +18,8 @@ const CHANNELS_AT_ONCE: usize = 500;
 /// Records of a channel examined in one transaction.
 const EXAMINED_AT_ONCE: usize = 2048;
 
-/// Part of the age that passes between two times that a channel is thinned: each time its stored trend is made
-/// again.
+/// Parts of the age, one of which passes until a channel is thinned again: each time its stored trend is made
+/// anew.
 const STEPS_PER_AGE: i32 = 16;
 
 /// Factor on the number of baseline records: as many records are kept after the start of a channel and after
@@ -88,19 +88,22 @@ impl Store {
 
     /// Removes old records that are not among those kept; returns their number.
     ///
-    /// Kept are the first record of each interval, records with raw bytes and those after them, excluded records and
-    /// those with a reference wear, the latest record, and those from which a baseline is made. The results that are kept
-    /// stay as they were estimated from all records.
+    /// Kept are the first record of each interval, records with raw bytes and those after them, excluded
+    /// records and those with a reference wear, the latest record, and those from which a baseline is made.
+    /// The results that are kept stay as they were estimated from all records.
     pub async fn thin_results(&self, thinning: Thinning) -> Result<u64, StoreError> {
         self.check_whole()?;
         let (mut removed, mut after) = (0, 0);
         loop {
-            let rows =
-                sqlx::query("SELECT * FROM channels WHERE channel_no > $1 ORDER BY channel_no LIMIT $2")
-                    .bind(after)
-                    .bind(CHANNELS_AT_ONCE as i64)
-                    .fetch_all(self.read())
-                    .await?;
+            let rows = sqlx::query(
+                "SELECT * FROM channels WHERE channel_no > $1 AND thinned_until_ns < $2 AND first_start_ns < $2
+                 ORDER BY channel_no LIMIT $3",
+            )
+            .bind(after)
+            .bind(to_ns(thinning.due(thinning.before(thinning.now)))?)
+            .bind(CHANNELS_AT_ONCE as i64)
+            .fetch_all(self.read())
+            .await?;
             for row in &rows {
                 let channel = channel_of(row)?;
                 after = channel.channel_no;
@@ -126,11 +129,15 @@ impl Store {
     ) -> Result<(u64, bool), StoreError> {
         let events = self.maintenance(&channel.asset_id).await?;
         let mut commit = self.begin().await?;
+        // Asset or channel may be deleted by now.
         let asset = match commit.asset(&channel.asset_id).await {
             Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
             other => other?,
         };
-        let mut channel = commit.channel_again(channel).await?;
+        let mut channel = match commit.channel_again(channel).await {
+            Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
+            other => other?,
+        };
         // What is being recomputed is thinned once that is done.
         if channel.must_fold || channel.next_wear.is_some() || channel.leftovers {
             return Ok((0, true));
@@ -164,9 +171,8 @@ impl Store {
             .bind(until_ns)
             .execute(&mut *commit.transaction)
             .await?;
-        if let Some(first) = removed.first() {
+        if !removed.is_empty() {
             channel.segments -= removed.len() as u64;
-            channel.note_change(SegmentKey { start_time: from_ns(first.start_ns), id: first.id.clone() });
             commit.set_channel(&mut channel, true).await?;
         }
         let is_done = old.len() < EXAMINED_AT_ONCE || until_ns == thinned_until_ns;

@@ -23,6 +23,9 @@ use crate::running::{plain_asset, record};
 /// Messages sent over MQTT in each round.
 const MESSAGES: u32 = 10;
 
+/// Records in a full queue: while a part is away it gets full.
+const MAX_RECORDS: u32 = 30;
+
 /// The servers and connections that are away for a while.
 #[derive(Debug, Clone, Copy)]
 enum Part {
@@ -71,14 +74,25 @@ impl Parts {
     }
 }
 
-/// Puts a message into the queue that is no record.
+/// Puts a message into the queue that is no record, once there is room.
 fn enqueue_poison(site: &Site, round: u32) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let jetstream = async_nats::jetstream::new(async_nats::connect(site.nats.url()).await.unwrap());
         let subject = format!("faults.work.{}", round % 64);
-        jetstream.publish(subject, "no record".into()).await.unwrap().await.unwrap();
+        while jetstream.publish(subject.clone(), "no record".into()).await.unwrap().await.is_err() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
     });
+}
+
+/// Settings with a small queue.
+fn settings(site: &Site, database: Option<&Proxy>) -> PathBuf {
+    let path = site.config(database);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let limited = text.replace("ack_wait_s = 2", &format!("ack_wait_s = 2\nmax_records = {MAX_RECORDS}"));
+    std::fs::write(&path, limited).unwrap();
+    path
 }
 
 /// Settings of a node that also takes records over MQTT.
@@ -106,7 +120,7 @@ fn all_faults_at_once_lose_nothing() {
     let database_wire = Proxy::to(site.database_server());
     let bucket_wire = Proxy::to(bucket.address());
     site.objects = format!("bucket = \"records\"\nendpoint = \"http://{}\"", bucket_wire.address());
-    let (config, cut) = (site.config(None), site.config(Some(&database_wire)));
+    let (config, cut) = (settings(&site, None), settings(&site, Some(&database_wire)));
     let broker = Broker::start();
     let over_mqtt = with_mqtt(&config, &broker);
     let steady = site.api(&config);
