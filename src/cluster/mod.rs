@@ -41,6 +41,7 @@ mod queue;
 mod settings;
 #[cfg(feature = "nats")]
 mod shares;
+mod stalled_consumers;
 #[cfg(feature = "nats")]
 mod worker;
 
