@@ -27,15 +27,15 @@ INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate
     FROM generate_series(0, :records - 1) t, LATERAL generate_series(1, :channels + 0 * t) c;
 SELECT substr(string_agg(md5('i' || k), ''), 1, 2 * :indicators) AS indicators FROM generate_series(0, :indicators / 16) k \gset
 SELECT substr(string_agg(md5('f' || k), ''), 1, 2 * :features) AS features FROM generate_series(0, :features / 16) k \gset
-INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicator_values, feature_values)
     SELECT id, 0, md5('analysis'), md5('feature'), rpad('{"shaft_speed_hz":24.9,"source":"mesh_comb"', 178, 'x'), rpad('{', 224, 'x'),
         decode(:'indicators', 'hex'), decode(:'features', 'hex')
     FROM segments;
-INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, low_um, high_um, log_evidence, estimate, run_indicators)
+INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, low_um, high_um, log_evidence, estimate, run_indicator_values)
     SELECT id, 0, 'estimated', 'wear 12 µm, between 9 and 16 µm with 90 % probability', 12.5, 12.6, 9.8, 15.9, -31.4,
         (SELECT string_agg(md5('e' || k), '') FROM generate_series(1, 30) k), decode(repeat('01', 33), 'hex')
     FROM segments;
-INSERT INTO wear_posteriors (segment_id, generation, probability)
+INSERT INTO wear_posteriors (segment_id, generation, posterior)
     SELECT id, 0, decode((SELECT string_agg(md5('p' || k), '') FROM generate_series(1, 26) k), 'hex') FROM segments;
 ANALYZE wear_posteriors;
 ANALYZE segments;
@@ -49,7 +49,7 @@ SELECT relname, reltuples::bigint AS rows, pg_size_pretty(pg_relation_size(oid))
 
 \echo '--- a block of a trend: 4096 records of a channel after a time (cold, then repeated)'
 PREPARE trend (bigint, bigint, text, bigint) AS
-    SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason,
+    SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicator_values, w.run_indicator_values, s.reference_wear_um, w.status, w.reason,
         w.median_um, w.mean_um, w.low_um, w.high_um, w.log_evidence
     FROM segments s
     JOIN analyses a ON a.segment_id = s.id AND a.generation = 0
@@ -60,7 +60,7 @@ EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 
 
 \echo '--- the latest 50 segments of a channel with their wear (cold, then repeated)'
 PREPARE latest (bigint) AS
-    SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.probability
+    SELECT s.*, c.asset_id, c.name AS channel, a.indicator_values, a.feature_values, w.estimate, w.run_indicator_values, p.posterior
     FROM (
         SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= -9223372036854775808 AND start_time_ns < 9223372036854775807
             AND (start_time_ns, id) < (9223372036854775807, '')

@@ -149,6 +149,12 @@ impl Connection {
         (self.client.connection_state() != State::Connected).then_some("not connected")
     }
 
+    /// Whether the queue has partitions. A server before 2.11 may remove messages of one consumer that another
+    /// one of the same stream has passed, when it restarts after a crash.
+    pub(super) fn has_partitions(&self) -> bool {
+        self.client.is_server_compatible(2, 11, 0)
+    }
+
     /// Writes a small message to JetStream's file storage, which fails where the disk is full.
     pub(super) async fn check_writable(&self) -> Result<(), ClusterError> {
         let failed = || ClusterError::jetstream("write");

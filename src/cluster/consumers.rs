@@ -22,7 +22,7 @@ impl Connection {
         let known: HashMap<String, Info> =
             consumers(&stream).await?.into_iter().map(|info| (info.name.clone(), info)).collect();
         let mut wanted = Vec::new();
-        for source in Source::all() {
+        for source in Source::all(self.has_partitions()) {
             let config = self.config(source);
             let is_right = known.get(&source.consumer()).is_some_and(|info| {
                 (&info.config.filter_subject, info.config.ack_wait)

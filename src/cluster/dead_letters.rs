@@ -82,7 +82,7 @@ pub(super) async fn retry(connection: &Connection, number: u64) -> Result<(), Cl
     let stream = stream(connection).await?;
     let letter = message(&stream, number).await?;
     // Without a message ID: the queue may still reject the record's own as a duplicate.
-    let subject = Source::of_message(&letter.payload).subject(connection);
+    let subject = Source::subject_of_message(&letter.payload, connection);
     let sent = connection.jetstream.publish(subject, letter.payload).await;
     sent.map_err(|error| failed()(error.into()))?.await.map_err(|error| failed()(error.into()))?;
     delete(&stream, number).await

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use async_nats::jetstream::Message;
 use futures_util::StreamExt;
@@ -14,9 +14,7 @@ use futures_util::future::{try_join, try_join_all};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 
 use super::ClusterError;
-use super::consumers::consumers;
 use super::partition::Source;
-use super::stalled_consumers::{Deliveries, InHand, Suspects};
 use super::worker::Worker;
 
 /// Time that one request for a record waits for a record.
@@ -27,11 +25,7 @@ const HEARTBEAT: Duration = Duration::from_secs(5);
 
 /// Time between two checks of the consumers. Until then, after a worker of a version without partitions has
 /// changed them, records can come to two workers.
-const CHECK_INTERVAL: Duration = Duration::from_secs(10);
-
-/// Acknowledgement times that pass until a consumer that delivers nothing counts as stalled. A record of
-/// another worker is delivered again after one.
-const STALLED_AFTER: u32 = 3;
+const CHECK_INTERVAL: Duration = Duration::from_secs(30);
 
 /// The intake of a worker.
 pub(super) struct Intake {
@@ -42,8 +36,6 @@ pub(super) struct Intake {
     pub(super) slots: Arc<Semaphore>,
     /// Closed once no record is waiting or in work.
     pub(super) busy: mpsc::Sender<()>,
-    /// The records that are waiting or in work.
-    pub(super) in_hand: Arc<InHand>,
 }
 
 impl Intake {
@@ -51,33 +43,15 @@ impl Intake {
     pub(super) async fn run(&self) -> Result<(), ClusterError> {
         self.worker.connection.prepare().await?;
         self.worker.connection.prepare_consumers().await?;
-        let sources = try_join_all(Source::all().map(|source| self.take_from(source)));
+        let sources = Source::all(self.worker.connection.has_partitions());
+        let sources = try_join_all(sources.map(|source| self.take_from(source)));
         try_join(sources, self.keep_consumers()).await.map(|_| ())
     }
 
     async fn keep_consumers(&self) -> Result<(), ClusterError> {
-        let connection = &self.worker.connection;
-        let patience = connection.settings().ack_wait * STALLED_AFTER;
-        let mut suspects = Suspects::default();
         loop {
             tokio::time::sleep(CHECK_INTERVAL).await;
-            connection.prepare_consumers().await?;
-            let stream = connection.work().await?;
-            let known = consumers(&stream).await?;
-            let owned = self.owned.borrow().clone();
-            let deliveries = |partition| {
-                let name = Source::Partition(partition).consumer();
-                known.iter().find(|info| info.name == name).map(Deliveries::from)
-            };
-            for partition in suspects.stalled(&owned, deliveries, &self.in_hand, Instant::now(), patience) {
-                tracing::warn!(
-                    partition,
-                    "the consumer of a partition does not deliver its records: creating it again"
-                );
-                let deleted = stream.delete_consumer(&Source::Partition(partition).consumer()).await;
-                deleted.map_err(|error| ClusterError::jetstream("delete a consumer")(error.into()))?;
-                connection.prepare_consumers().await?;
-            }
+            self.worker.connection.prepare_consumers().await?;
         }
     }
 
@@ -110,19 +84,17 @@ impl Intake {
             let Some(message) = message else {
                 return Err(failed("take a record")("the requests ended".into()));
             };
-            let message = message.map_err(|error| failed("take a record")(error.into()))?;
-            self.hand_over(source, message).await;
+            self.hand_over(message.map_err(|error| failed("take a record")(error.into()))?).await;
         }
         Ok(())
     }
 
     /// Waits until a record is in work. Its task continues to wait if this future is dropped.
-    async fn hand_over(&self, source: Source, message: Message) {
+    async fn hand_over(&self, message: Message) {
         let (begun, has_begun) = oneshot::channel();
         let (worker, slots, busy) = (self.worker.clone(), Arc::clone(&self.slots), self.busy.clone());
-        let in_hand = self.in_hand.add(source);
         tokio::spawn(async move {
-            let (_busy, _in_hand) = (busy, in_hand);
+            let _busy = busy;
             worker.take_turn(message, slots, begun).await;
         });
         // An error if the record was returned to the queue.

@@ -41,7 +41,6 @@ mod queue;
 mod settings;
 #[cfg(feature = "nats")]
 mod shares;
-mod stalled_consumers;
 #[cfg(feature = "nats")]
 mod worker;
 

@@ -19,26 +19,36 @@ pub(super) const PARTITIONS: u16 = 64;
 pub(super) enum Source {
     /// Those of a partition, for its owner.
     Partition(u16),
-    /// Those that API nodes of a version without partitions enqueue, for any worker.
+    /// Those that are enqueued without a partition, for any worker: by API nodes of a version without
+    /// partitions, or on a server that they do not suit.
     Unpartitioned,
 }
 
 impl Source {
-    /// Returns all sources.
-    pub(super) fn all() -> impl Iterator<Item = Self> {
+    /// Returns the sources of a queue with or without partitions.
+    pub(super) fn all(has_partitions: bool) -> impl Iterator<Item = Self> {
         // First the one whose consumer takes everything in a cluster without partitions.
-        std::iter::once(Self::Unpartitioned).chain((0..PARTITIONS).map(Self::Partition))
+        let partitions = if has_partitions { PARTITIONS } else { 0 };
+        std::iter::once(Self::Unpartitioned).chain((0..partitions).map(Self::Partition))
     }
 
-    /// Returns the source of a channel's records.
-    pub(super) fn of(asset: &AssetId, channel: &str) -> Self {
+    /// Returns the source of a channel's records in a queue with partitions.
+    fn of(asset: &AssetId, channel: &str) -> Self {
         Self::Partition(partition_of(asset, channel))
     }
 
-    /// Returns the source of a message in the queue; one that cannot be read may be in any.
-    pub(super) fn of_message(payload: &[u8]) -> Self {
-        message::decode(payload)
-            .map_or(Self::Partition(0), |record| Self::of(&record.asset_id, &record.channel))
+    /// Returns the subject on which a channel's records are enqueued.
+    pub(super) fn subject_of(asset: &AssetId, channel: &str, connection: &Connection) -> String {
+        let source = if connection.has_partitions() { Self::of(asset, channel) } else { Self::Unpartitioned };
+        source.subject(connection)
+    }
+
+    /// Returns the subject on which a message is enqueued; one that cannot be read may be on any.
+    pub(super) fn subject_of_message(payload: &[u8], connection: &Connection) -> String {
+        match message::decode(payload) {
+            Ok(record) => Self::subject_of(&record.asset_id, &record.channel, connection),
+            Err(_) => Self::Unpartitioned.subject(connection),
+        }
     }
 
     /// Returns the subject of its messages.

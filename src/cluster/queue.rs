@@ -46,7 +46,7 @@ impl Queue {
             expected: "one that fits into a message",
         })?;
         let message = PublishMessage::build().payload(payload).message_id(message_id(record));
-        let subject = Source::of(&record.asset_id, &record.channel).subject(&self.connection);
+        let subject = Source::subject_of(&record.asset_id, &record.channel, &self.connection);
         let sent = self.connection.jetstream.send_publish(subject, message).await;
         sent.map_err(|error| busy(&error))
     }

@@ -88,7 +88,7 @@ impl Worker {
         let ownership = tokio::spawn(ownership.run(self.stop.clone()));
         let (busy, mut is_idle) = mpsc::channel(1);
         let slots = Arc::new(Semaphore::new(self.limits.at_once));
-        let intake = Intake { worker: self.clone(), owned, slots, busy, in_hand: Arc::default() };
+        let intake = Intake { worker: self.clone(), owned, slots, busy };
         let mut stop = self.stop.clone();
         while !*stop.borrow() {
             let result = tokio::select! {

@@ -138,7 +138,7 @@ impl Commit {
     ) -> Result<(), StoreError> {
         for chunk in analyses.chunks(ROWS_AT_ONCE) {
             let text = format!(
-                "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+                "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicator_values, feature_values)
                  VALUES {} ON CONFLICT (segment_id, generation) DO NOTHING",
                 rows_of_placeholders(chunk.len(), 8)
             );
@@ -151,8 +151,8 @@ impl Commit {
                 for (name, value) in &analysed.features.values {
                     finite(&format!("feature {name} of segment {id}"), *value)?;
                 }
-                columns.push(Columns::of(&analysed.indicators, "indicators", id)?);
-                columns.push(Columns::of(&analysed.features, "features", id)?);
+                columns.push(Columns::of(&analysed.indicators, "indicator_values", id)?);
+                columns.push(Columns::of(&analysed.features, "feature_values", id)?);
             }
             self.store_layouts(&columns).await?;
             let mut query = sqlx::query(&text);

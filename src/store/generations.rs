@@ -155,7 +155,7 @@ impl Store {
             None => (i64::MIN, ""),
         };
         let rows = sqlx::query(
-            "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features
+            "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicator_values, a.feature_values
              FROM segments s
              JOIN channels c ON c.channel_no = s.channel_no
              JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
@@ -170,7 +170,7 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicators", "features"], self.read()).await?;
+        let layouts = self.layouts().of(&rows, &["indicator_values", "feature_values"], self.read()).await?;
         rows.iter().map(|row| new_segment_of(row, &layouts)).collect()
     }
 

@@ -29,7 +29,7 @@ impl Store {
     pub async fn latest_records(&self, after: Option<(&str, &str)>) -> Result<Vec<LatestRecord>, StoreError> {
         let (asset, channel) = after.unwrap_or(("", ""));
         let rows = sqlx::query(
-            "SELECT c.asset_id, c.name, s.start_time_ns, a.indicators, w.run_indicators, w.low_um, w.p25_um, w.median_um, w.p75_um, w.high_um
+            "SELECT c.asset_id, c.name, s.start_time_ns, a.indicator_values, w.run_indicator_values, w.low_um, w.p25_um, w.median_um, w.p75_um, w.high_um
              FROM channels c
              JOIN segments s ON s.id = c.last_segment_id
              JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
@@ -41,11 +41,12 @@ impl Store {
         .bind(CHANNELS_AT_ONCE)
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicators", "run_indicators"], self.read()).await?;
+        let layouts =
+            self.layouts().of(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
         let record = |row| {
             let channel: String = get(row, "name")?;
-            let mut indicators: Indicators = layouts.read(row, "indicators", &channel)?;
-            indicators.extend(layouts.read_or_default(row, "run_indicators", &channel)?);
+            let mut indicators: Indicators = layouts.read(row, "indicator_values", &channel)?;
+            indicators.extend(layouts.read_or_default(row, "run_indicator_values", &channel)?);
             Ok(LatestRecord {
                 asset: get(row, "asset_id")?,
                 start_time: get_time(row, "start_time_ns")?,

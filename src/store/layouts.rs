@@ -217,9 +217,9 @@ impl Layouts {
 
     /// Decodes the posterior of a row, whose depths are the layout of its probabilities.
     pub(super) fn read_posterior(&self, row: &AnyRow, of: &str) -> Result<Option<Posterior>, StoreError> {
-        let bytes: Option<Vec<u8>> = get(row, "probability")?;
+        let bytes: Option<Vec<u8>> = get(row, "posterior")?;
         let Some(bytes) = bytes else { return Ok(None) };
-        let (depths, content) = self.layout(&bytes, "probability", of)?;
+        let (depths, content) = self.layout(&bytes, "posterior", of)?;
         let wear_um = serde_json::from_value(depths.clone()).map_err(|source| StoreError::Damaged {
             what: "wear_um",
             of: of.to_owned(),

@@ -29,7 +29,7 @@ impl Store {
     ) -> Result<Vec<RecordResults>, StoreError> {
         let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
-            "SELECT s.id, s.start_time_ns, s.excluded, a.indicators, w.run_indicators, w.estimate
+            "SELECT s.id, s.start_time_ns, s.excluded, a.indicator_values, w.run_indicator_values, w.estimate
              FROM (
                 SELECT * FROM segments WHERE channel_no = $1 AND (start_time_ns, id) > ($2, $3) ORDER BY start_time_ns, id LIMIT $4
              ) s
@@ -44,15 +44,16 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicators", "run_indicators"], self.read()).await?;
+        let layouts =
+            self.layouts().of(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
         let results = rows.iter().map(|row| {
             let id: String = get(row, "id")?;
             Ok(RecordResults {
                 excluded: get::<i64>(row, "excluded")? != 0,
                 wear: get_json(row, "estimate", &id)?,
                 indicators: [
-                    layouts.read(row, "indicators", &id)?,
-                    layouts.read_or_default(row, "run_indicators", &id)?,
+                    layouts.read(row, "indicator_values", &id)?,
+                    layouts.read_or_default(row, "run_indicator_values", &id)?,
                 ],
                 key: SegmentKey { start_time: from_ns(get(row, "start_time_ns")?), id: SegmentId(id) },
             })

@@ -157,11 +157,11 @@ pub struct SegmentFilter {
 
 /// The columns that are read of a segment.
 const SEGMENT: &str =
-    "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features,
-        w.estimate, w.run_indicators, p.probability";
+    "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicator_values, a.feature_values,
+        w.estimate, w.run_indicator_values, p.posterior";
 
 /// Those of them with a layout.
-const COLUMNS: [&str; 4] = ["indicators", "features", "run_indicators", "probability"];
+const COLUMNS: [&str; 4] = ["indicator_values", "feature_values", "run_indicator_values", "posterior"];
 
 /// Joins segments `s` with the results in their served generations.
 const SERVED: &str = "JOIN channels c ON c.channel_no = s.channel_no
@@ -262,7 +262,7 @@ impl Store {
     ) -> Result<Vec<StoredFeatures>, StoreError> {
         let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
-            "SELECT s.id, s.start_time_ns, s.excluded, a.feature_key, a.features, a.indicators
+            "SELECT s.id, s.start_time_ns, s.excluded, a.feature_key, a.feature_values, a.indicator_values
              FROM segments s JOIN analyses a ON a.segment_id = s.id AND a.generation = $1
              WHERE s.channel_no = $2 AND (s.start_time_ns, s.id) > ($3, $4)
              ORDER BY s.start_time_ns, s.id LIMIT $5",
@@ -274,7 +274,7 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicators", "features"], self.read()).await?;
+        let layouts = self.layouts().of(&rows, &["indicator_values", "feature_values"], self.read()).await?;
         rows.iter().map(|row| features_of(row, &layouts)).collect()
     }
 
@@ -317,8 +317,8 @@ fn features_of(row: &AnyRow, layouts: &Layouts) -> Result<StoredFeatures, StoreE
     Ok(StoredFeatures {
         excluded: get::<i64>(row, "excluded")? != 0,
         feature_key: get(row, "feature_key")?,
-        features: layouts.read(row, "features", &id)?,
-        indicators: layouts.read(row, "indicators", &id)?,
+        features: layouts.read(row, "feature_values", &id)?,
+        indicators: layouts.read(row, "indicator_values", &id)?,
         key: SegmentKey { start_time: get_time(row, "start_time_ns")?, id: SegmentId(id) },
     })
 }
@@ -357,8 +357,8 @@ pub(super) fn new_segment_of(row: &AnyRow, layouts: &Layouts) -> Result<NewSegme
             },
             shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
             basis: get_json_or_default(row, "basis", &id)?,
-            indicators: layouts.read(row, "indicators", &id)?,
-            features: layouts.read(row, "features", &id)?,
+            indicators: layouts.read(row, "indicator_values", &id)?,
+            features: layouts.read(row, "feature_values", &id)?,
         },
         id: SegmentId(id),
     })
@@ -368,6 +368,6 @@ fn segment_of(row: &AnyRow, layouts: &Layouts) -> Result<Segment, StoreError> {
     let new = new_segment_of(row, layouts)?;
     let mut wear: WearEstimate = get_json(row, "estimate", &new.id.0)?;
     wear.posterior = layouts.read_posterior(row, &new.id.0)?;
-    let indicators = layouts.read_or_default(row, "run_indicators", &new.id.0)?;
+    let indicators = layouts.read_or_default(row, "run_indicator_values", &new.id.0)?;
     Ok(new.with_run(RunResult { indicators, wear }))
 }

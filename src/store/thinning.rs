@@ -157,7 +157,7 @@ impl Store {
         }
         let (_, old) = commit.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
         let (removed, until_ns) =
-            commit.to_remove(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
+            commit.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
         for chunk in removed.chunks(ROWS_AT_ONCE) {
             let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
             let mut query = sqlx::query(&text).persistent(commit.dialect.caches_statement(chunk.len()));
@@ -222,7 +222,7 @@ impl Commit {
     }
 
     /// The records to be removed, and the time until which the channel is thinned then.
-    async fn to_remove<'a>(
+    async fn superfluous<'a>(
         &mut self,
         channel: &ChannelSummary,
         from_ns: i64,

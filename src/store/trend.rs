@@ -24,7 +24,7 @@ use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 const MAX_RECORDS: usize = 1_000_000;
 
 /// The columns of a history's rows that have a layout.
-pub(super) const COLUMNS: [&str; 2] = ["indicators", "run_indicators"];
+pub(super) const COLUMNS: [&str; 2] = ["indicator_values", "run_indicator_values"];
 
 /// Rows read in one query.
 const ROWS_AT_ONCE: usize = 4096;
@@ -97,8 +97,8 @@ impl Trend {
 
     pub(super) fn push(&mut self, row: &AnyRow, layouts: &Layouts) -> Result<(), StoreError> {
         let id: String = get(row, "id")?;
-        let mut indicators: Indicators = layouts.read(row, "indicators", &id)?;
-        indicators.extend(layouts.read_or_default(row, "run_indicators", &id)?);
+        let mut indicators: Indicators = layouts.read(row, "indicator_values", &id)?;
+        indicators.extend(layouts.read_or_default(row, "run_indicator_values", &id)?);
         let status: String = get(row, "status")?;
         let position = self.len();
         for (name, value) in indicators.values {
@@ -257,7 +257,7 @@ pub(super) async fn rows_after(
     most: usize,
 ) -> Result<Vec<AnyRow>, StoreError> {
     let rows = sqlx::query(
-        "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
+        "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicator_values, w.run_indicator_values, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
             w.low_um, w.p25_um, w.p75_um, w.high_um, w.log_evidence
          FROM segments s
          JOIN analyses a ON a.segment_id = s.id AND a.generation = $5

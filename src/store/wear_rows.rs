@@ -8,7 +8,7 @@ use crate::asset::SegmentId;
 use crate::estimate::{Posterior, WearEstimate};
 
 /// The columns of an estimate.
-const ESTIMATE: &str = "status, reason, median_um, mean_um, low_um, p25_um, p75_um, high_um, log_evidence, estimate, run_indicators";
+const ESTIMATE: &str = "status, reason, median_um, mean_um, low_um, p25_um, p75_um, high_um, log_evidence, estimate, run_indicator_values";
 
 /// A posterior's probabilities, with its depths as their layout.
 fn posterior_columns(posterior: &Posterior) -> Result<Columns, StoreError> {
@@ -49,7 +49,7 @@ impl Commit {
             for (name, value) in &indicators.values {
                 finite(&format!("indicator {name} of segment {id}"), *value)?;
             }
-            columns.push(Columns::of(indicators, "run_indicators", id)?);
+            columns.push(Columns::of(indicators, "run_indicator_values", id)?);
         }
         self.store_layouts(&columns).await?;
         let mut query = sqlx::query(&text);
@@ -97,10 +97,10 @@ impl Commit {
                 with.iter().filter_map(|row| posterior(row)).collect::<Result<_, _>>()?;
             self.store_layouts(&columns).await?;
             let text = format!(
-                "INSERT INTO wear_posteriors (segment_id, generation, probability) VALUES {}
+                "INSERT INTO wear_posteriors (segment_id, generation, posterior) VALUES {}
                  ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
                 rows_of_placeholders(with.len(), 3),
-                excluded("probability")
+                excluded("posterior")
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(with.len()));
             for (row, probability) in with.iter().zip(&columns) {

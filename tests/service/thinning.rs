@@ -56,7 +56,7 @@ fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
     assert_eq!(all.len(), RECORDS as usize);
     wait_for_the_quota(&service);
     // The baseline is of 8 records, and twice as many are kept after the start and after the event.
-    let is_kept = |n: u32| n < 16 || (60..76).contains(&n) || n % 10 == 0 || n >= RECORDS - 1 - 100;
+    let is_kept = |n: u32| n < 16 || (60..76).contains(&n) || n.is_multiple_of(10) || n >= RECORDS - 1 - 100;
     let kept: Vec<Value> =
         (0..RECORDS).zip(&all).filter(|(n, _)| is_kept(*n)).map(|(_, item)| item.clone()).collect();
     assert_eq!(thin(&service), u64::from(RECORDS) - kept.len() as u64);

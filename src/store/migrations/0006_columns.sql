@@ -1,4 +1,5 @@
--- Indicators, features and posteriors as columns of numbers, whose names and structure are stored once.
+-- Indicators, features and posteriors as columns of numbers, whose names and structure are stored once. For
+-- SQLite; `0006_columns_postgres.sql` does the same beside processes of the version before.
 
 -- `id` is a hash of the layout: names and structure of indicators or features, depths of a posterior. A column
 -- refers to its layout in its first bytes.
@@ -15,8 +16,8 @@ CREATE TABLE analyses_in_columns (
     feature_key TEXT NOT NULL,
     shaft_speed TEXT,
     basis TEXT,
-    indicators BLOB NOT NULL,
-    features BLOB NOT NULL,
+    indicator_values BLOB NOT NULL,
+    feature_values BLOB NOT NULL,
     PRIMARY KEY (segment_id, generation)
 );
 INSERT INTO analyses_in_columns
@@ -25,9 +26,13 @@ INSERT INTO analyses_in_columns
 DROP TABLE analyses;
 ALTER TABLE analyses_in_columns RENAME TO analyses;
 
--- What is folded is folded again.
+-- What is folded is folded again: its keys differ from those of earlier versions.
 ALTER TABLE wear_estimates DROP COLUMN run_indicators;
-ALTER TABLE wear_estimates ADD COLUMN run_indicators BLOB;
-DELETE FROM wear_posteriors;
-ALTER TABLE wear_posteriors DROP COLUMN wear_um;
-UPDATE channels SET must_fold = 1 WHERE segments > 0;
+ALTER TABLE wear_estimates ADD COLUMN run_indicator_values BLOB;
+DROP TABLE wear_posteriors;
+CREATE TABLE wear_posteriors (
+    segment_id TEXT NOT NULL REFERENCES segments (id) ON DELETE CASCADE,
+    generation BIGINT NOT NULL,
+    posterior BLOB,
+    PRIMARY KEY (segment_id, generation)
+);
