@@ -149,8 +149,8 @@ impl Connection {
         (self.client.connection_state() != State::Connected).then_some("not connected")
     }
 
-    /// Whether the queue has partitions. A server before 2.11 may remove messages of one consumer that another
-    /// one of the same stream has passed, when it restarts after a crash.
+    /// Whether the queue has partitions: with the servers that keep acknowledged messages through a kill with
+    /// all consumers that partitions need (2.9.10 does not).
     pub(super) fn has_partitions(&self) -> bool {
         self.client.is_server_compatible(2, 11, 0)
     }

@@ -31,7 +31,7 @@ fn send_in_turn(client: &Client, rounds: std::ops::Range<u32>) {
 }
 
 #[test]
-#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS 2.11 at FLANKWATCH_TEST_NATS"]
 fn a_channel_is_stored_by_one_worker_which_reads_its_state_once() {
     let mut cluster = TestCluster::start(1, 2);
     let client = cluster.client(0);
@@ -65,7 +65,7 @@ fn a_channel_is_stored_by_one_worker_which_reads_its_state_once() {
 }
 
 #[test]
-#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server 2.11"]
 fn the_partitions_of_a_killed_worker_are_taken_over() {
     let mut site = Site::start();
     let config = site.config(None);
@@ -120,7 +120,7 @@ async fn earlier_consumer(jetstream: &async_nats::jetstream::Context, name: &str
 }
 
 #[test]
-#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS 2.11 at FLANKWATCH_TEST_NATS"]
 fn records_of_a_version_without_partitions_are_stored() {
     let mut cluster = TestCluster::start(0, 0);
     cluster.on_server(async |jetstream, name| {
