@@ -149,8 +149,8 @@ impl Connection {
         (self.client.connection_state() != State::Connected).then_some("not connected")
     }
 
-    /// Whether the queue has partitions: with the servers that keep acknowledged messages through a kill with
-    /// all consumers that partitions need (2.9.10 does not).
+    /// Whether the queue has partitions: from version 2.11 of the server on, the earliest that keeps all
+    /// messages with them when it is killed, of those tested.
     pub(super) fn has_partitions(&self) -> bool {
         self.client.is_server_compatible(2, 11, 0)
     }

@@ -1,7 +1,7 @@
 //! Stored states of the fold over a channel's records, from which to restart.
 //!
-//! A state has a quarter of a megabyte once a channel tracks wear, so it is not stored after each record. The
-//! records after the newest stored state are folded again when somebody needs the state after the last one.
+//! A state has up to a quarter of a megabyte once a channel tracks wear, so it is not stored after each record.
+//! The records after the newest stored state are folded again when somebody needs the state after the last one.
 
 use sqlx::any::AnyRow;
 

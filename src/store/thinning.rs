@@ -43,7 +43,7 @@ struct OldRecord {
     id: SegmentId,
     start_ns: i64,
     /// Whether its results are kept whatever its neighbours are.
-    is_special: bool,
+    is_kept: bool,
     is_excluded: bool,
     has_raw: bool,
 }
@@ -211,7 +211,7 @@ impl Commit {
         let old = rows.iter().map(|row: &AnyRow| {
             let id = SegmentId(get(row, "id")?);
             Ok(OldRecord {
-                is_special: get::<Option<f64>>(row, "reference_wear_um")?.is_some() || last == Some(&id),
+                is_kept: get::<Option<f64>>(row, "reference_wear_um")?.is_some() || last == Some(&id),
                 is_excluded: get::<i64>(row, "excluded")? != 0,
                 has_raw: get::<Option<String>>(row, "sha256")?.is_some(),
                 start_ns: get(row, "start_time_ns")?,
@@ -256,7 +256,7 @@ impl Commit {
             if record.is_excluded {
                 continue;
             }
-            if own == interval && !record.is_special && count > kept.records {
+            if own == interval && !record.is_kept && count > kept.records {
                 removed.push(record);
             }
             interval = own;
