@@ -89,7 +89,6 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         let mut n = first - settling;
         let mut phase = self.phase_at(n as f64 * step);
         let mut states = self.at_rest(phase, n as f64 * step);
-        let mut before = states;
         let mut start = self.with_common(phase, n as f64 * step);
         let mut positions = [self.response_positions(&states); 2];
         let per_square = 1.0 / (step * step);
@@ -99,19 +98,11 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                 return Err(GearError::Stopped);
             }
             let cut = self.excitation.cut_within(phase, width) & ((1 << LANES) - 1);
-            if cut != 0 {
-                before = states;
-            }
             let end = match &stiff {
+                _ if cut != 0 => self.cut_step(cut, &mut states, &start, (phase, seconds), step),
                 None => self.explicit_step(&mut states, &start, (phase, seconds), step),
                 Some(stiff) => self.stiff_step(&mut states, &start, (phase, seconds), stiff, step),
             };
-            if cut != 0 {
-                let after = self.cut_step(cut, before, (phase, seconds), step);
-                for lane in lanes_of(cut) {
-                    states.iter_mut().zip(after).for_each(|(row, after)| row[lane] = after[lane]);
-                }
-            }
             (start, phase) = (end, (phase + width).fract());
             let after = self.response_positions(&states);
             if n >= first {
@@ -165,30 +156,42 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         end
     }
 
-    /// Performs a step of the lanes in `cut` (bits) from a phase and time on, each cut where its own pieces
-    /// of the mesh period end. The states of other lanes remain as they are.
+    /// Performs a step of all lanes and returns the excitation at its end. Lanes in `cut` (bits) stop where
+    /// their own pieces of the mesh period end, and do the rest of the step after it.
     fn cut_step(
         &mut self,
         cut: u32,
-        mut states: Lanes<LANES>,
+        states: &mut Lanes<LANES>,
+        start: &LaneExcitation<LANES>,
         (phase, seconds): (f64, f64),
         step: f64,
-    ) -> Lanes<LANES> {
-        let mut left: [Rest; LANES] = std::array::from_fn(|lane| {
+    ) -> LaneExcitation<LANES> {
+        let is_stiff = self.steps.stiff;
+        let mut left = [Rest { piece: 0, phase, seconds, rest: step }; LANES];
+        for lane in lanes_of(cut) {
             let pieces = &self.excitation.pieces[lane];
-            let piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
-            Rest { piece, phase, seconds, rest: step }
-        });
+            left[lane].piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
+        }
+        let mut at =
+            |part: f64| self.with_common((phase + part * step * self.mesh_hz).fract(), seconds + part * step);
+        let uncut: [LaneExcitation<LANES>; STAGES] = if is_stiff {
+            let [_, second, third, end] = STAGE_TIMES;
+            [*start, at(second), at(third), at(end)]
+        } else {
+            let end = at(1.0);
+            [*start, at(0.5), end, end]
+        };
         let mut unfinished = cut;
-        while unfinished != 0 {
-            let mut lengths = [0.0; LANES];
+        let mut lengths = [step; LANES];
+        let mut excitation = uncut;
+        loop {
             let mut to_end = [0.0; LANES];
             for lane in lanes_of(unfinished) {
                 let Rest { piece, phase, rest, .. } = left[lane];
                 to_end[lane] = (self.excitation.pieces[lane][piece].end - phase) / self.mesh_hz;
                 lengths[lane] = rest.min(to_end[lane]).max(0.0);
             }
-            self.part_step(unfinished, &mut states, &left, &lengths);
+            self.part_step(unfinished, states, &left, &lengths, &mut excitation);
             for lane in lanes_of(unfinished) {
                 let (pieces, lane_left) = (&self.excitation.pieces[lane], &mut left[lane]);
                 if to_end[lane] > lane_left.rest {
@@ -199,31 +202,36 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                 lane_left.piece = (lane_left.piece + 1) % pieces.len();
                 lane_left.phase = pieces[lane_left.piece].start;
             }
+            if unfinished == 0 {
+                return uncut[STAGES - 1];
+            }
+            // Lanes that are at the end of the step stay there.
+            lengths = [0.0; LANES];
         }
-        states
     }
 
-    /// Performs steps of different lengths, each within one piece of its lane.
+    /// Performs steps of different lengths. Those of `lanes` are each within one piece, and their excitation
+    /// is computed; the excitation of the others is known.
     fn part_step(
         &mut self,
         lanes: u32,
         states: &mut Lanes<LANES>,
         left: &[Rest; LANES],
         lengths: &[f64; LANES],
+        excitation: &mut [LaneExcitation<LANES>; STAGES],
     ) {
         if self.steps.stiff {
-            let mut stages = [[[0.0; LANES]; 2]; STAGES];
-            for (stage, part) in stages.iter_mut().zip(STAGE_TIMES) {
+            for (stage, part) in excitation.iter_mut().zip(STAGE_TIMES) {
                 self.excite(lanes, left, lengths, part, stage);
             }
             let step = StiffStep::new(&self.motion, *lengths);
-            *states = step.advance(&self.motion, &self.differing, states, stages.each_ref());
+            *states = step.advance(&self.motion, &self.differing, states, excitation.each_ref());
         } else {
-            let mut places = [[[0.0; LANES]; 2]; 3];
-            for (place, part) in places.iter_mut().zip([0.0, 0.5, 1.0]) {
-                self.excite(lanes, left, lengths, part, place);
-            }
-            self.motion.step_lanes(&self.differing, states, places.each_ref(), lengths);
+            let [start, middle, end, _] = excitation;
+            self.excite(lanes, left, lengths, 0.0, start);
+            self.excite(lanes, left, lengths, 0.5, middle);
+            self.excite(lanes, left, lengths, 1.0, end);
+            self.motion.step_lanes(&self.differing, states, [start, middle, end], lengths);
         }
     }
 

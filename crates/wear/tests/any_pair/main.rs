@@ -8,7 +8,7 @@ mod plausible;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use flankwatch_gear::{ContactRule, GearError, PairSpec};
+use flankwatch_gear::{GearError, PairSpec};
 use flankwatch_wear::library::{
     BuildControl, DEPTHS, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, MESH_LINES,
     VARIANTS, build,
@@ -88,54 +88,4 @@ fn each_accepted_pair_has_members_around_it() {
             assert!((0..VARIANTS).all(is_known), "pair {number}");
         }
     });
-}
-
-/// Seconds of processor time of this process.
-fn processor_s() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").expect("Linux shows the processor time");
-    let after_name = text.rsplit(')').next().unwrap_or_default();
-    let fields: Vec<&str> = after_name.split_whitespace().collect();
-    // In hundredths of a second; the fields after the name begin with the third.
-    [11, 12].iter().map(|n| fields[*n].parse::<f64>().expect("a number of ticks") / 100.0).sum()
-}
-
-/// The least of some measurements, so that a busy machine counts less.
-fn library_s(spec: &PairSpec, times: usize) -> f64 {
-    let once = || {
-        let start = processor_s();
-        let grid = GridSettings::default();
-        build(spec, &grid.for_pair(spec), &BuildControl::silent()).expect("an accepted pair has a library");
-        processor_s() - start
-    };
-    (0..times).map(|_| once()).fold(f64::INFINITY, f64::min)
-}
-
-/// The time of a whole library relative to that of the pair of Shen et al. 2022 by the same contact rule.
-#[test]
-#[ignore = "measures processor time: to be run alone"]
-fn a_library_takes_at_most_three_times_that_of_module_6() {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/pairs");
-    let text = std::fs::read_to_string(format!("{folder}/shen2022.toml")).unwrap();
-    let of_rule = |contact| {
-        let mut spec = PairSpec::from_toml(&text).unwrap();
-        spec.dynamics.contact = contact;
-        library_s(&spec, 5)
-    };
-    let module_6 = [of_rule(ContactRule::Threshold), of_rule(ContactRule::Loaded)];
-    println!("module 6: {:.2} s (threshold), {:.2} s (loaded)", module_6[0], module_6[1]);
-    let accepted = (0..pairs()).map(|number| (number, described(number)));
-    let mut ratios = Vec::new();
-    for (number, spec) in accepted.filter(|(_, spec)| spec.check().is_ok()) {
-        let rule = spec.dynamics.contact;
-        let usual_s = module_6[usize::from(rule == ContactRule::Loaded)];
-        let mut ratio = library_s(&spec, 1) / usual_s;
-        if ratio > 2.0 {
-            ratio = library_s(&spec, 3) / usual_s;
-        }
-        println!("pair {number}, {rule:?}: {ratio:.2} times");
-        ratios.push(ratio);
-    }
-    let greatest = ratios.iter().copied().fold(0.0, f64::max);
-    println!("{} libraries: at most {greatest:.2} times", ratios.len());
-    assert!(greatest <= 3.0, "{greatest}");
 }
