@@ -17,6 +17,7 @@ use super::postgres::Stop;
 use super::processes::S3Server;
 use super::queue::dead_letters;
 use super::site::{Site, Uploads, rounds};
+use super::small_disk::SmallDisk;
 use crate::proxy::{Proxy, Wire};
 use crate::running::{plain_asset, record};
 
@@ -25,6 +26,10 @@ const MESSAGES: u32 = 10;
 
 /// Records in a full queue: while a part is away it gets full.
 const MAX_RECORDS: u32 = 30;
+
+/// Size of the queue's disk, which is full until the queue's server starts again: NATS stops to store anything
+/// once a write has failed.
+const QUEUE_DISK_MB: u32 = 64;
 
 /// The servers and connections that are away for a while.
 #[derive(Debug, Clone, Copy)]
@@ -43,6 +48,7 @@ struct Parts {
     database_wire: Proxy,
     bucket_wire: Proxy,
     broker: Broker,
+    queue_disk: SmallDisk,
 }
 
 impl Parts {
@@ -67,7 +73,10 @@ impl Parts {
                 self.database_wire.set(Wire::Closed);
                 self.database_wire.set(Wire::Whole);
             }
-            Part::Queue => self.site.nats.start_again(),
+            Part::Queue => {
+                self.queue_disk.free();
+                self.site.nats.start_again();
+            }
             Part::Bucket => self.bucket_wire.set(Wire::Whole),
             Part::Broker => self.broker.launch(),
         }
@@ -112,10 +121,11 @@ fn a_moment(random: &mut ChaCha8Rng) {
 }
 
 #[test]
-#[ignore = "needs PostgreSQL's programs, nats-server, moto_server, mosquitto and faketime"]
+#[ignore = "needs PostgreSQL's programs, nats-server, moto_server, mosquitto, faketime and the right to mount"]
 fn all_faults_at_once_lose_nothing() {
     let bucket = S3Server::start();
-    let mut site = Site::with_own_postgres();
+    let queue_disk = SmallDisk::mount(QUEUE_DISK_MB);
+    let mut site = Site::with_queue_on(&queue_disk);
     let database_wire = Proxy::to(site.database_server());
     let bucket_wire = Proxy::to(bucket.address());
     site.objects = format!("bucket = \"records\"\nendpoint = \"http://{}\"", bucket_wire.address());
@@ -133,7 +143,7 @@ fn all_faults_at_once_lose_nothing() {
     let mut sender = Sender::connect(broker.port);
     let mut node = site.api(&over_mqtt);
     let mut workers = vec![site.worker(&config), site.worker(&cut)];
-    let mut parts = Parts { site, database_wire, bucket_wire, broker };
+    let mut parts = Parts { site, database_wire, bucket_wire, broker, queue_disk };
     let (uploads, mut random) = (Uploads::default(), ChaCha8Rng::seed_from_u64(20_261_126));
     let block = |n: u32| encode_block(&record("1", n), BlockEncoding::Protobuf);
     for round in 0..rounds() {
@@ -147,6 +157,7 @@ fn all_faults_at_once_lose_nothing() {
             assert_eq!(rejected.wait_for(1)[0].1["status"], 409);
             enqueue_poison(&parts.site);
             parts.site.database.set_full(true);
+            parts.queue_disk.fill();
             let days = if round.is_multiple_of(2) { 8 } else { -8 };
             let replaced = parts.site.worker_at(&config, days);
             workers.insert(1, replaced);

@@ -20,6 +20,7 @@ mod queue;
 mod resumable;
 mod same_bits;
 mod site;
+mod small_disk;
 mod stream_faults;
 mod streams;
 mod tokens;

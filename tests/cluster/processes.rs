@@ -177,9 +177,14 @@ impl NatsServer {
         Self { program, folder, port, process }
     }
 
+    /// The server may store more than its disk holds: by default it offers a part of what is free there.
     fn spawn(program: &Path, folder: &Path, port: u16) -> Process {
+        std::fs::create_dir_all(folder).unwrap();
+        let settings = folder.with_file_name("nats.conf");
+        let text = format!("jetstream {{ store_dir: {folder:?}, max_file_store: 64G }}\n");
+        std::fs::write(&settings, text).unwrap();
         let mut command = Command::new(program);
-        command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"]).arg(folder);
+        command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-c"]).arg(&settings);
         let process = Process::spawn(command);
         wait_for_port(SocketAddr::from((Ipv4Addr::LOCALHOST, port)), &process);
         process

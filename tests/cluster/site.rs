@@ -14,6 +14,7 @@ use super::client::Client;
 use super::nodes::{OneMachine, database};
 use super::postgres::PostgresServer;
 use super::processes::{NatsServer, Program};
+use super::small_disk::SmallDisk;
 use crate::proxy::Proxy;
 use crate::running::{plain_asset, record};
 use crate::shared_store::TestDatabase;
@@ -53,18 +54,34 @@ pub(super) struct Site {
 
 impl Site {
     pub(super) fn start() -> Self {
-        Self::on(database(), None)
+        let folder = tempfile::tempdir().unwrap();
+        let nats = NatsServer::start(folder.path());
+        Self::on(folder, database(), None, nats)
     }
 
     /// Starts a site with its own database server, which can be stopped.
     pub(super) fn with_own_postgres() -> Self {
-        let postgres = PostgresServer::start();
-        Self::on(TestDatabase::on(postgres.url()), Some(postgres))
-    }
-
-    fn on(database: TestDatabase, postgres: Option<PostgresServer>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let nats = NatsServer::start(folder.path());
+        Self::with_own_servers(folder, nats)
+    }
+
+    /// Starts a site with its own database server and a queue on its own disk.
+    pub(super) fn with_queue_on(disk: &SmallDisk) -> Self {
+        Self::with_own_servers(tempfile::tempdir().unwrap(), NatsServer::start(disk.folder()))
+    }
+
+    fn with_own_servers(folder: TempDir, nats: NatsServer) -> Self {
+        let postgres = PostgresServer::start();
+        Self::on(folder, TestDatabase::on(postgres.url()), Some(postgres), nats)
+    }
+
+    fn on(
+        folder: TempDir,
+        database: TestDatabase,
+        postgres: Option<PostgresServer>,
+        nats: NatsServer,
+    ) -> Self {
         let settings = database.settings(folder.path());
         let objects = format!("folder = {:?}", folder.path().join("objects"));
         let program = this_program();
