@@ -15,10 +15,10 @@ const INTERVAL_S: usize = 600;
 const SYNCHRONISED: f64 = 0.2;
 
 /// Processor time of a record in seconds: a worker, PostgreSQL, NATS, an API node.
-const WORKER_S: f64 = 7.4e-3;
-const DATABASE_S: f64 = 1.6e-3;
-const QUEUE_S: f64 = 0.3e-3;
-const NODE_S: f64 = 2.6e-3;
+const WORKER_S: f64 = 5.7e-3;
+const DATABASE_S: f64 = 1.5e-3;
+const QUEUE_S: f64 = 0.5e-3;
+const NODE_S: f64 = 2.7e-3;
 
 /// Bytes of a record: raw, rows with indexes, write-ahead log.
 const RAW_BYTES: f64 = 800e3;
