@@ -27,8 +27,8 @@ const MESSAGES: u32 = 10;
 /// Records in a full queue: while a part is away it gets full.
 const MAX_RECORDS: u32 = 30;
 
-/// Size of the queue's disk, which is full until the queue's server starts again: NATS stops to store anything
-/// once a write has failed.
+/// Size of the queue's disk, which is full until the queue's server starts again: NATS stops storing once a
+/// write has failed.
 const QUEUE_DISK_MB: u32 = 64;
 
 /// The servers and connections that are away for a while.
@@ -148,6 +148,9 @@ fn all_faults_at_once_lose_nothing() {
     let block = |n: u32| encode_block(&record("1", n), BlockEncoding::Protobuf);
     for round in 0..rounds() {
         uploads.during(&[&steady.client], || {
+            // Until these connections break.
+            parts.database_wire.set(Wire::Slow);
+            parts.bucket_wire.set(Wire::Slow);
             for n in round * MESSAGES..(round + 1) * MESSAGES {
                 sender.send("flankwatch/fan/1/waveform", &block(n));
             }

@@ -54,34 +54,27 @@ pub(super) struct Site {
 
 impl Site {
     pub(super) fn start() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let nats = NatsServer::start(folder.path());
-        Self::on(folder, database(), None, nats)
+        Self::on(database(), None, None)
     }
 
     /// Starts a site with its own database server, which can be stopped.
     pub(super) fn with_own_postgres() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let nats = NatsServer::start(folder.path());
-        Self::with_own_servers(folder, nats)
+        Self::with_own_servers(None)
     }
 
     /// Starts a site with its own database server and a queue on its own disk.
     pub(super) fn with_queue_on(disk: &SmallDisk) -> Self {
-        Self::with_own_servers(tempfile::tempdir().unwrap(), NatsServer::start(disk.folder()))
+        Self::with_own_servers(Some(disk))
     }
 
-    fn with_own_servers(folder: TempDir, nats: NatsServer) -> Self {
+    fn with_own_servers(queue_disk: Option<&SmallDisk>) -> Self {
         let postgres = PostgresServer::start();
-        Self::on(folder, TestDatabase::on(postgres.url()), Some(postgres), nats)
+        Self::on(TestDatabase::on(postgres.url()), Some(postgres), queue_disk)
     }
 
-    fn on(
-        folder: TempDir,
-        database: TestDatabase,
-        postgres: Option<PostgresServer>,
-        nats: NatsServer,
-    ) -> Self {
+    fn on(database: TestDatabase, postgres: Option<PostgresServer>, queue_disk: Option<&SmallDisk>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let nats = NatsServer::start(queue_disk.map_or(folder.path(), SmallDisk::folder));
         let settings = database.settings(folder.path());
         let objects = format!("folder = {:?}", folder.path().join("objects"));
         let program = this_program();

@@ -6,11 +6,17 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+/// A piece that a slow wire forwards, and how long it takes.
+const SLOW_BYTES: usize = 16 << 10;
+const SLOW: Duration = Duration::from_millis(100);
+
 /// The state of the proxy.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Wire {
     /// Everything is forwarded.
     Whole,
+    /// Everything is forwarded, in small pieces and late.
+    Slow,
     /// Nothing is forwarded and connections stay open, as with a pulled cable.
     Silent,
     /// All connections are closed, as with a server that is down.
@@ -109,7 +115,7 @@ impl Direction {
                 continue;
             }
             let passed = self.fate.map_or(count, |(bytes, _)| bytes.min(count));
-            if to.write_all(&piece[..passed]).is_err() {
+            if self.pass(&mut to, &piece[..passed]).is_err() {
                 break;
             }
             match &mut self.fate {
@@ -126,5 +132,14 @@ impl Direction {
         for side in [from, to] {
             let _ = side.shutdown(Shutdown::Both);
         }
+    }
+    fn pass(&self, to: &mut TcpStream, bytes: &[u8]) -> std::io::Result<()> {
+        if self.wire.load(Ordering::SeqCst) != Wire::Slow as u8 {
+            return to.write_all(bytes);
+        }
+        bytes.chunks(SLOW_BYTES).try_for_each(|chunk| {
+            std::thread::sleep(SLOW);
+            to.write_all(chunk)
+        })
     }
 }
