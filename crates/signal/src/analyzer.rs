@@ -96,13 +96,24 @@ impl Analyzer {
         analysis
     }
 
-    /// Transforms a record and locates the mesh comb in its spectrum.
+    /// Transforms a record in single precision and locates the mesh comb in its spectrum.
     pub(super) fn locate(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> (Moments, LocatedMesh) {
+        let moments = self.work.transform_in_single_precision(record);
+        let located = self.locate_transformed(record, mesh, &moments);
+        (moments, located)
+    }
+
+    /// Locates the mesh comb in the spectrum of the record that was transformed last.
+    fn locate_transformed(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+        moments: &Moments,
+    ) -> LocatedMesh {
         let work = &mut self.work;
-        let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
         let given = given_speed(record);
-        let located = locate(
+        locate(
             &work.amplitude,
             resolution_hz,
             given,
@@ -110,8 +121,7 @@ impl Analyzer {
             moments.constant,
             &mut work.sorting,
             &mut work.log_ratios,
-        );
-        (moments, located)
+        )
     }
 
     /// Analyses the record that was transformed last.
@@ -234,7 +244,8 @@ impl Analyzer {
         record: &RecordOf<'_>,
         mesh: &MeshContext,
     ) -> (Spectrum, Option<ShaftSpeed>) {
-        let (_, located) = self.locate(record, mesh);
+        let moments = self.work.transform(record);
+        let located = self.locate_transformed(record, mesh, &moments);
         (self.transformed_spectrum(record), located.speed)
     }
 

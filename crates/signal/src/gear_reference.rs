@@ -82,6 +82,9 @@ const RESAMPLED: f64 = 5e-7;
 /// small part of the average, and `m8a` is of its eighth power.
 const RESAMPLED_INDICATOR: f64 = 5e-6;
 
+/// Largest difference of a band's value relative to itself: it comes from a transform in single precision.
+const BAND: f64 = 5e-7;
+
 /// Asserts that values over the shaft's angle are close; `largest` is the largest of the average.
 fn assert_close_over_angle(name: &str, got: &[f64], want: &[f64], largest: f64) {
     assert_eq!(got.len(), want.len(), "{name}");
@@ -139,8 +142,10 @@ fn spectra_and_bands_equal_scipy() {
         let band = |name: &str, quantity| Band { name: name.to_owned(), band_hz: case.band_hz, quantity };
         let bands = [band("a", BandQuantity::Record), band("v", BandQuantity::Velocity)];
         let got = analyzer().analyze_with_bands(&record, &case.mesh(), &bands).indicators;
-        assert_close(&case.name, &[got.values["band_a"]], &[case.band_rms]);
-        assert_close(&case.name, &[got.values["band_v"]], &[case.band_velocity_mm_per_s]);
+        for (name, want) in [("band_a", case.band_rms), ("band_v", case.band_velocity_mm_per_s)] {
+            let apart = (got.values[name] / want - 1.0).abs();
+            assert!(apart <= BAND, "{}, {name}: {apart}", case.name);
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::indicators::{Indicators, NotComputed};
+use super::transform::Float;
 
 /// Every this many samples, one contributes to the provisional mean.
 const STRIDE: usize = 64;
@@ -43,13 +44,13 @@ struct Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, block: &[f32; LANES], shift: f64, shifted: &mut [f64; LANES]) {
+    fn add<T: Float>(&mut self, block: &[f32; LANES], shift: f64, shifted: &mut [T; LANES]) {
         for lane in 0..LANES {
             let sample = block[lane];
             self.low[lane] = if sample < self.low[lane] { sample } else { self.low[lane] };
             self.high[lane] = if sample > self.high[lane] { sample } else { self.high[lane] };
             let x = f64::from(sample) - shift;
-            shifted[lane] = x;
+            shifted[lane] = T::rounded(x);
             let square = x * x;
             self.powers[0][lane] += x;
             self.powers[1][lane] += square;
@@ -61,13 +62,13 @@ impl Sums {
 
 /// Sums whole blocks of samples and writes them, less `shift`, to `shifted`: plain loops compiled for each
 /// instruction set.
-struct BlockSums<'a> {
+struct BlockSums<'a, T> {
     samples: &'a [[f32; LANES]],
     shift: f64,
-    shifted: &'a mut [[f64; LANES]],
+    shifted: &'a mut [[T; LANES]],
 }
 
-impl WithSimd for BlockSums<'_> {
+impl<T: Float> WithSimd for BlockSums<'_, T> {
     type Output = Sums;
 
     #[inline(always)]
@@ -88,18 +89,19 @@ impl Moments {
     /// In one pass: moments about the mean of every 64th sample, from which those about the mean follow. The
     /// two means differ by at most 8 standard deviations, so at most 4 digits cancel, and usually less than
     /// one.
-    pub(super) fn of(samples: &[f32], shifted: &mut Vec<f64>) -> Self {
+    pub(super) fn of<T: Float>(samples: &[f32], shifted: &mut Vec<T>) -> Self {
         let count = samples.len() as f64;
         let picked = samples.iter().step_by(STRIDE);
         let shift = picked.clone().map(|&x| f64::from(x)).sum::<f64>() / picked.len() as f64;
-        shifted.resize(samples.len(), 0.0);
+        shifted.resize(samples.len(), T::default());
         let ((blocks, rest), (shifted, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
         let mut sums = Arch::new().dispatch(BlockSums { samples: blocks, shift, shifted });
         for (lane, (&sample, shifted)) in rest.iter().zip(room_left).enumerate() {
             (sums.low[lane], sums.high[lane]) = (sums.low[lane].min(sample), sums.high[lane].max(sample));
-            *shifted = f64::from(sample) - shift;
+            let x = f64::from(sample) - shift;
+            *shifted = T::rounded(x);
             for (sum, power) in sums.powers.iter_mut().zip(1..) {
-                sum[lane] += shifted.powi(power);
+                sum[lane] += x.powi(power);
             }
         }
         let low = sums.low.into_iter().fold(f32::INFINITY, f32::min);
@@ -152,7 +154,7 @@ mod tests {
 
     fn indicators(samples: &[f32]) -> Indicators {
         let mut indicators = Indicators::default();
-        Moments::of(samples, &mut Vec::new()).indicate(&mut indicators);
+        Moments::of(samples, &mut Vec::<f64>::new()).indicate(&mut indicators);
         indicators
     }
 

@@ -7,13 +7,26 @@ use super::moments::Moments;
 use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::spectrum::hann_amplitude;
-use super::transform::{Transforms, spectrum_length};
+use super::transform::{ForwardPlans, Transforms, spectrum_length};
+
+/// Records whose highest sample is outside this range are transformed in double precision, because sums over
+/// them could leave the range of single precision.
+const IN_SINGLE_PRECISION: std::ops::Range<f32> = 1e-25..1e25;
+
+/// Plans and buffers of a transform in single precision.
+#[derive(Default)]
+struct SinglePrecision {
+    plans: ForwardPlans<f32>,
+    samples: Vec<f32>,
+    bins: Vec<Complex<f32>>,
+}
 
 /// One record's transform and reusable buffers.
 #[derive(Default)]
 pub(super) struct RecordSpectrum {
     pub(super) transforms: Transforms,
     samples: Vec<f64>,
+    single: SinglePrecision,
     pub(super) bins: Vec<Complex<f64>>,
     pub(super) amplitude: Vec<f64>,
     pub(super) envelope: Envelope,
@@ -32,9 +45,30 @@ impl RecordSpectrum {
     /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
     pub(super) fn transform(&mut self, record: &RecordOf<'_>) -> Moments {
         let moments = Moments::of(record.samples(), &mut self.samples);
-        self.tracked_angle = None;
         self.length = spectrum_length(self.samples.len());
         self.transforms.forward(&mut self.samples[..self.length], &mut self.bins);
+        self.complete(moments)
+    }
+
+    /// Does the same in single precision, in which samples are stored. Relative to the highest bin, the error of
+    /// a bin is at most 10⁻⁷, and 10⁻⁹ root mean square: that of 24-bit samples.
+    pub(super) fn transform_in_single_precision(&mut self, record: &RecordOf<'_>) -> Moments {
+        let SinglePrecision { plans, samples, bins } = &mut self.single;
+        let moments = Moments::of(record.samples(), samples);
+        let highest = moments.range[0].abs().max(moments.range[1].abs());
+        if !IN_SINGLE_PRECISION.contains(&highest) {
+            return self.transform(record);
+        }
+        self.length = spectrum_length(samples.len());
+        plans.transform(&mut samples[..self.length], bins);
+        self.bins.clear();
+        self.bins.extend(bins.iter().map(|bin| Complex::new(bin.re.into(), bin.im.into())));
+        self.complete(moments)
+    }
+
+    /// Removes the mean from the bins and computes the amplitudes.
+    fn complete(&mut self, moments: Moments) -> Moments {
+        self.tracked_angle = None;
         // In the unwindowed transform an offset affects this bin only.
         self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);
@@ -43,5 +77,35 @@ impl RecordSpectrum {
 
     pub(super) fn resolution_hz(&self, record: &RecordOf<'_>) -> f64 {
         record.sample_rate_hz() / self.length as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::Record;
+
+    #[test]
+    fn bins_in_single_precision_are_close() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        for noise in [0.0, 1e-3, 1.0] {
+            let samples = (0..200_000).map(|i| {
+                let white: f64 = StandardNormal.sample(&mut random);
+                ((0.2 * f64::from(i)).sin() + 1e-4 * (0.7 * f64::from(i)).sin() + noise * white + 3.0) as f32
+            });
+            let record = Record::new("1", Timestamp::UNIX_EPOCH, 2e4, "g", samples.collect()).unwrap();
+            let (mut single, mut double) = (RecordSpectrum::default(), RecordSpectrum::default());
+            assert_eq!(single.transform_in_single_precision(&record), double.transform(&record));
+            let highest = double.bins.iter().map(|bin| bin.norm()).fold(0.0, f64::max);
+            let apart = single.bins.iter().zip(&double.bins).map(|(a, b)| (a - b).norm() / highest);
+            let squares: f64 = apart.clone().map(|apart| apart * apart).sum();
+            let (largest, mean) = (apart.fold(0.0, f64::max), (squares / double.bins.len() as f64).sqrt());
+            assert!(largest < 1e-7 && mean < 1e-9, "{noise}: {largest} {mean}");
+        }
     }
 }

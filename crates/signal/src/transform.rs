@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, FftNum, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftDirection, FftPlanner};
 
 /// Number of cached plans per direction. Records of one asset share a length, so a few suffice; without a
@@ -45,10 +45,65 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
 /// Number of cached buffers of each type: two for each of ten harmonics that are tracked, and some more.
 const MAX_BUFFERS: usize = 24;
 
+/// A floating-point type in which records are transformed.
+pub(super) trait Float: FftNum + Default {
+    /// The nearest number of this type.
+    fn rounded(value: f64) -> Self;
+}
+
+impl Float for f32 {
+    fn rounded(value: f64) -> Self {
+        value as Self
+    }
+}
+
+impl Float for f64 {
+    fn rounded(value: f64) -> Self {
+        value
+    }
+}
+
+/// Plans for transforms of real data, most recently used first, and their scratch.
+pub(super) struct ForwardPlans<T> {
+    max_plans: usize,
+    plans: Vec<Arc<dyn RealToComplex<T>>>,
+    scratch: Vec<Complex<T>>,
+}
+
+impl<T: Float> Default for ForwardPlans<T> {
+    fn default() -> Self {
+        Self::with_max_plans(MAX_PLANS)
+    }
+}
+
+impl<T: Float> ForwardPlans<T> {
+    /// Creates a cache of up to `max_plans` plans.
+    fn with_max_plans(max_plans: usize) -> Self {
+        Self { max_plans, plans: Vec::with_capacity(max_plans), scratch: Vec::new() }
+    }
+
+    /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
+    pub(super) fn transform(&mut self, input: &mut [T], output: &mut Vec<Complex<T>>) {
+        let length = input.len();
+        match self.plans.iter().position(|plan| plan.len() == length) {
+            Some(index) => self.plans[..=index].rotate_right(1),
+            None => {
+                self.plans.truncate(self.max_plans - 1);
+                self.plans.insert(0, RealFftPlanner::new().plan_fft_forward(length));
+            }
+        }
+        let plan = &self.plans[0];
+        output.resize(length / 2 + 1, Complex::default());
+        grow(&mut self.scratch, plan.get_scratch_len());
+        plan.process_with_scratch(input, output, &mut self.scratch)
+            .expect("input, output and scratch have the plan's lengths");
+    }
+}
+
 /// Transform plans, most recently used first, and reusable buffers.
 pub(super) struct Transforms {
     max_plans: usize,
-    forward: Vec<Arc<dyn RealToComplex<f64>>>,
+    forward: ForwardPlans<f64>,
     inverse: Vec<Arc<dyn ComplexToReal<f64>>>,
     complex: Vec<Arc<dyn Fft<f64>>>,
     scratch: Vec<Complex<f64>>,
@@ -67,7 +122,7 @@ impl Transforms {
     pub(super) fn with_max_plans(max_plans: usize) -> Self {
         Self {
             max_plans,
-            forward: Vec::with_capacity(max_plans),
+            forward: ForwardPlans::with_max_plans(max_plans),
             inverse: Vec::with_capacity(max_plans),
             complex: Vec::with_capacity(2 * max_plans),
             scratch: Vec::new(),
@@ -121,19 +176,7 @@ impl Transforms {
 
     /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
     pub(super) fn forward(&mut self, input: &mut [f64], output: &mut Vec<Complex<f64>>) {
-        let length = input.len();
-        match self.forward.iter().position(|plan| plan.len() == length) {
-            Some(index) => self.forward[..=index].rotate_right(1),
-            None => {
-                self.forward.truncate(self.max_plans - 1);
-                self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
-            }
-        }
-        let plan = &self.forward[0];
-        output.resize(length / 2 + 1, Complex::default());
-        grow(&mut self.scratch, plan.get_scratch_len());
-        plan.process_with_scratch(input, output, &mut self.scratch)
-            .expect("input, output and scratch have the plan's lengths");
+        self.forward.transform(input, output);
     }
 
     /// The `output.len()` real values whose transform's bins are `input` (not divided by their number).
@@ -154,7 +197,7 @@ impl Transforms {
     }
 }
 
-fn grow(scratch: &mut Vec<Complex<f64>>, length: usize) {
+fn grow<T: Float>(scratch: &mut Vec<Complex<T>>, length: usize) {
     if scratch.len() < length {
         scratch.resize(length, Complex::default());
     }
@@ -196,7 +239,7 @@ mod tests {
         for length in 1..40 {
             transforms.forward(&mut vec![0.0; length], &mut Vec::new());
         }
-        assert_eq!(transforms.forward.len(), MAX_PLANS);
-        assert_eq!(transforms.forward[0].len(), 39);
+        assert_eq!(transforms.forward.plans.len(), MAX_PLANS);
+        assert_eq!(transforms.forward.plans[0].len(), 39);
     }
 }
