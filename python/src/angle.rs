@@ -139,6 +139,9 @@ pub(crate) fn angle_record(
         unit: by_angle.unit,
         samples: by_angle
             .samples
+            .into_iter()
+            .map(f64::from)
+            .collect::<Vec<f64>>()
             .into_pyarray(py)
             .reshape([by_angle.turns, by_angle.samples_per_turn])?
             .unbind(),

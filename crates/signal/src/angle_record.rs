@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::shaft_angle::AngleSource;
 use super::spectrum::hann_amplitude;
-use super::transform::Transforms;
+use super::transform::{Float, Transforms};
 use super::turn_bins::bins_around;
 
 /// Up to this many bins to each side of a line, direct summation costs less than a full transform.
@@ -23,7 +23,7 @@ pub struct AngleRecord {
     /// Number of whole turns.
     pub turns: usize,
     /// Samples, turn by turn, with the record's mean removed.
-    pub samples: Vec<f64>,
+    pub samples: Vec<f32>,
     /// Source and accuracy of the angle.
     pub angle: AngleSource,
 }
@@ -60,11 +60,11 @@ impl AngleRecord {
 
     /// Writes the sums at each angle over the even and over the odd turns of a range, counted from its start,
     /// into `sums`.
-    pub(super) fn sum_into(&self, turns: Range<usize>, sums: [&mut Vec<f64>; 2]) {
+    pub(super) fn sum_into<T: Float + From<f32>>(&self, turns: Range<usize>, sums: [&mut Vec<T>; 2]) {
         let per_turn = self.samples_per_turn;
         let samples = &self.samples[turns.start * per_turn..turns.end * per_turn];
         for (parity, sum) in sums.into_iter().enumerate() {
-            sum.resize(per_turn, 0.0);
+            sum.resize(per_turn, T::default());
             Arch::new().dispatch(EverySecondTurn { samples, parity, sum });
         }
     }
@@ -118,7 +118,8 @@ impl AngleRecord {
 
     /// Returns the Hann amplitude spectrum over orders.
     pub(super) fn order_spectrum(&self, transforms: &mut Transforms) -> OrderSpectrum {
-        let (mut samples, mut bins, mut amplitude) = (self.samples.clone(), Vec::new(), Vec::new());
+        let mut samples: Vec<f64> = self.samples.iter().map(|&sample| sample.into()).collect();
+        let (mut bins, mut amplitude) = (Vec::new(), Vec::new());
         let mean = samples.iter().sum::<f64>() / samples.len() as f64;
         samples.iter_mut().for_each(|sample| *sample -= mean);
         transforms.forward(&mut samples, &mut bins);
@@ -135,25 +136,27 @@ impl AngleRecord {
 }
 
 /// The sum over every second turn, as a plain loop compiled for each instruction set.
-struct EverySecondTurn<'a> {
-    samples: &'a [f64],
+struct EverySecondTurn<'a, T> {
+    samples: &'a [f32],
     parity: usize,
-    sum: &'a mut [f64],
+    sum: &'a mut [T],
 }
 
-impl WithSimd for EverySecondTurn<'_> {
+impl<T: Float + From<f32>> WithSimd for EverySecondTurn<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let mut turns = self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2);
         match turns.next() {
-            Some(first) => self.sum.copy_from_slice(first),
-            None => self.sum.fill(0.0),
+            Some(first) => {
+                self.sum.iter_mut().zip(first).for_each(|(sum, &sample)| *sum = sample.into());
+            }
+            None => self.sum.fill(T::default()),
         }
         for turn in turns {
-            for (sum, sample) in self.sum.iter_mut().zip(turn) {
-                *sum += sample;
+            for (sum, &sample) in self.sum.iter_mut().zip(turn) {
+                *sum = *sum + sample.into();
             }
         }
     }
@@ -175,6 +178,7 @@ mod tests {
                     + 0.4 * (3.3 * turn).cos()
                     + 0.1 * ((n * n % 17) as f64)
             });
+            let samples = samples.map(|sample| sample as f32);
             let turned = AngleRecord {
                 unit: "g".to_owned(),
                 samples_per_turn,

@@ -19,6 +19,9 @@ pub(super) const NEAR_ORDER_BINS: f64 = 2.0;
 /// Lines are removed up to this harmonic of the mesh under analysis: nothing is read above it.
 const MAX_HARMONIC: f64 = 10.5;
 
+/// Interleaved sums over a turn.
+const PARTIAL_SUMS: usize = 16;
+
 impl AngleRecord {
     /// Removes the lines of the other known meshes.
     pub(super) fn without_other_meshes(mut self, mesh: &MeshContext) -> Self {
@@ -53,7 +56,7 @@ impl AngleRecord {
             for (number, turn) in self.samples.chunks_exact_mut(per_turn).enumerate() {
                 let Complex { re, im } = line * at_turn(number);
                 for (x, (cos, minus_sin)) in turn.iter_mut().zip(cos.iter().zip(&minus_sin)) {
-                    *x -= re * cos + im * minus_sin;
+                    *x = (f64::from(*x) - (re * cos + im * minus_sin)) as f32;
                 }
             }
         }
@@ -63,7 +66,7 @@ impl AngleRecord {
 
 /// Σ x·(cos + i·sin) over one turn, vectorised.
 struct Turn<'a> {
-    samples: &'a [f64],
+    samples: &'a [f32],
     cos: &'a [f64],
     sin: &'a [f64],
 }
@@ -72,18 +75,21 @@ impl WithSimd for Turn<'_> {
     type Output = Complex<f64>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Complex<f64> {
-        let (samples, samples_rest) = S::as_simd_f64s(self.samples);
-        let (cos, cos_rest) = S::as_simd_f64s(self.cos);
-        let (sin, sin_rest) = S::as_simd_f64s(self.sin);
-        let (mut re, mut im) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
-        for ((&x, &cos), &sin) in samples.iter().zip(cos).zip(sin) {
-            re = simd.mul_add_e_f64s(x, cos, re);
-            im = simd.mul_add_e_f64s(x, sin, im);
-        }
-        let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
-        let rest = samples_rest.iter().zip(cos_rest).zip(sin_rest);
-        rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+    fn with_simd<S: Simd>(self, _: S) -> Complex<f64> {
+        let Self { samples, cos, sin } = self;
+        let of = |factors: &[f64]| {
+            let mut sums = [0.0; PARTIAL_SUMS];
+            let (samples, samples_rest) = samples.as_chunks::<PARTIAL_SUMS>();
+            let (factors, factors_rest) = factors.as_chunks::<PARTIAL_SUMS>();
+            for (samples, factors) in samples.iter().zip(factors) {
+                for n in 0..PARTIAL_SUMS {
+                    sums[n] += f64::from(samples[n]) * factors[n];
+                }
+            }
+            let rest = samples_rest.iter().zip(factors_rest);
+            rest.fold(sums.iter().sum(), |sum: f64, (&x, factor)| sum + f64::from(x) * factor)
+        };
+        Complex::new(of(cos), of(sin))
     }
 }
 
@@ -111,11 +117,12 @@ mod tests {
             unit: "g".to_owned(),
             samples_per_turn: per_turn,
             turns,
-            samples: signal(&[&own[..], &foreign].concat()),
+            samples: signal(&[&own[..], &foreign].concat()).into_iter().map(|x| x as f32).collect(),
             angle: AngleSource::ConstantSpeed,
         };
         let left = record.without_other_meshes(&mesh);
-        let worst = left.samples.iter().zip(signal(&own)).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+        let worst =
+            left.samples.iter().zip(signal(&own)).map(|(x, y)| (f64::from(*x) - y).abs()).fold(0.0, f64::max);
         assert!(worst < 0.01, "{worst}");
     }
 }

@@ -62,7 +62,7 @@ impl Analyzer {
                 angle_record,
                 mesh,
                 self.settings.harmonics,
-                &mut self.work.transforms,
+                &mut self.work,
                 features,
             );
         }

@@ -27,7 +27,7 @@ pub(super) struct Resampler {
     steps: Vec<f64>,
     positions: Vec<f64>,
     /// Buffer of a record that is no longer needed.
-    spare: Vec<f64>,
+    spare: Vec<f32>,
 }
 
 impl Resampler {

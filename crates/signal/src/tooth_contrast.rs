@@ -11,6 +11,7 @@ use realfft::num_complex::Complex;
 use super::angle_record::AngleRecord;
 use super::features::Features;
 use super::mesh_context::MeshContext;
+use super::record_spectrum::{RecordSpectrum, SinglePrecision};
 use super::sums::sum_of;
 use super::transform::Transforms;
 
@@ -38,25 +39,31 @@ pub(super) fn insert_tooth_checks(
     angle_record: &AngleRecord,
     mesh: &MeshContext,
     harmonics: usize,
-    transforms: &mut Transforms,
+    work: &mut RecordSpectrum,
     features: &mut Features,
 ) {
     let (teeth, per_turn) = (mesh.teeth as usize, angle_record.samples_per_turn);
     if teeth < MIN_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
     }
+    let RecordSpectrum { transforms: double, single: SinglePrecision { transforms, .. }, .. } = work;
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
     let mut mask = transforms.buffer();
     mask.extend((0..=per_turn / 2).map(|order| {
         let beside = (order % teeth).min(teeth - order % teeth);
         let is_excluded =
             beside <= EXCLUDED_ORDERS || order > highest || mesh.others.contains(order as f64, 0.0);
-        f64::from(u8::from(!is_excluded))
+        f32::from(u8::from(!is_excluded))
     }));
     let filled = GROUPS.into_iter().filter(|group| *group <= angle_record.turns).take(MAX_GROUPS);
     let mut levels: [Option<Contrast>; MAX_GROUPS] = [const { None }; MAX_GROUPS];
     for (level, group) in levels.iter_mut().zip(filled) {
-        *level = Some(Contrast::of(group, teeth, transforms));
+        *level = Some(Contrast::of(
+            group,
+            teeth,
+            [transforms.complex_buffer(), transforms.complex_buffer()],
+            double.buffer(),
+        ));
     }
     // The smallest group first: its averages sum to those of the larger ones.
     let mut levels: Vec<Contrast> = levels.into_iter().flatten().collect();
@@ -86,7 +93,10 @@ pub(super) fn insert_tooth_checks(
         }
     }
     for level in levels {
-        level.insert(features, transforms);
+        level.insert(features);
+        let Contrast { bins, squares, .. } = level;
+        bins.into_iter().for_each(|bins| transforms.recycle_complex(bins));
+        double.recycle(squares);
     }
     for buffer in [mask, even, odd] {
         transforms.recycle(buffer);
@@ -100,7 +110,7 @@ struct Contrast {
     turns: usize,
     teeth: usize,
     /// Transforms of the sum of all turns, and of the difference between even and odd ones.
-    bins: [Vec<Complex<f64>>; 2],
+    bins: [Vec<Complex<f32>>; 2],
     averages: f64,
     /// Sums over the averages: mean square between the harmonics, mean square of the noise in it, and fourth
     /// moment.
@@ -114,18 +124,18 @@ struct Contrast {
 }
 
 impl Contrast {
-    fn of(group: usize, teeth: usize, transforms: &mut Transforms) -> Self {
+    fn of(group: usize, teeth: usize, bins: [Vec<Complex<f32>>; 2], squares: Vec<f64>) -> Self {
         Self {
             group,
             turns: 0,
             teeth,
-            bins: [transforms.complex_buffer(), transforms.complex_buffer()],
+            bins,
             averages: 0.0,
             repeated: 0.0,
             noise: 0.0,
             fourth: 0.0,
             floor: 0.0,
-            squares: transforms.buffer(),
+            squares,
         }
     }
 
@@ -144,11 +154,11 @@ impl Contrast {
 
     /// Completes the average of a whole group and leaves the part between the harmonics in `signal`. By
     /// Parseval's theorem mean squares follow from the transforms.
-    fn add_average(&mut self, mask: &[f64], signal: &mut [f64], transforms: &mut Transforms) {
+    fn add_average(&mut self, mask: &[f32], signal: &mut [f32], transforms: &mut Transforms<f32>) {
         let scale = 1.0 / (self.group * signal.len()) as f64;
         let [bins, alternating] = &mut self.bins;
         // Each bin except the end ones also represents its mirror image.
-        let ends = [bins.first(), bins.last()].into_iter().flatten().map(Complex::norm_sqr).sum::<f64>();
+        let ends = [bins.first(), bins.last()].into_iter().flatten().map(norm_sqr).sum::<f64>();
         let arch = Arch::new();
         let [whole, repeated] = arch.dispatch(Masking { bins, mask, scale });
         let [_, noise] = arch.dispatch(Masking { bins: alternating, mask, scale });
@@ -162,17 +172,16 @@ impl Contrast {
         self.turns = 0;
     }
 
-    fn insert(mut self, features: &mut Features, transforms: &mut Transforms) {
+    fn insert(&self, features: &mut Features) {
         let scale = 1.0 / self.averages;
         let [repeated, noise, fourth] = [self.repeated, self.noise, self.fourth].map(|sum| sum * scale);
-        if repeated > self.floor {
+        let is_finite = [repeated, noise, fourth].iter().all(|sum| sum.is_finite());
+        if repeated > self.floor && is_finite {
             self.insert_check([repeated, noise, fourth], features);
         }
-        self.bins.into_iter().for_each(|bins| transforms.recycle_complex(bins));
-        transforms.recycle(self.squares);
     }
 
-    fn insert_check(&mut self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
+    fn insert_check(&self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
         let turns = self.group;
         let mut insert_check =
             |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
@@ -189,8 +198,8 @@ impl Contrast {
 /// Multiplies bins by `scale` and by a mask of zeros and ones. Returns the sums of their squares before and
 /// after that.
 struct Masking<'a> {
-    bins: &'a mut [Complex<f64>],
-    mask: &'a [f64],
+    bins: &'a mut [Complex<f32>],
+    mask: &'a [f32],
     scale: f64,
 }
 
@@ -199,17 +208,24 @@ impl WithSimd for Masking<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> [f64; 2] {
-        let before = sum_of(self.bins, Complex::norm_sqr);
+        let before = sum_of(self.bins, norm_sqr);
+        let scale = self.scale as f32;
         for (bin, mask) in self.bins.iter_mut().zip(self.mask) {
-            *bin *= mask * self.scale;
+            *bin *= mask * scale;
         }
-        [before, sum_of(self.bins, Complex::norm_sqr)]
+        [before, sum_of(self.bins, norm_sqr)]
     }
+}
+
+/// Returns the square of a bin's magnitude.
+#[inline(always)]
+fn norm_sqr(bin: &Complex<f32>) -> f64 {
+    Complex::new(f64::from(bin.re), f64::from(bin.im)).norm_sqr()
 }
 
 /// Adds the squares of a signal and returns the sum of their squares.
 struct Squares<'a> {
-    signal: &'a [f64],
+    signal: &'a [f32],
     squares: &'a mut [f64],
 }
 
@@ -218,10 +234,10 @@ impl WithSimd for Squares<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
-        for (square, x) in self.squares.iter_mut().zip(self.signal) {
-            *square += x * x;
+        for (square, &x) in self.squares.iter_mut().zip(self.signal) {
+            *square += f64::from(x) * f64::from(x);
         }
-        sum_of(self.signal, |x| (x * x) * (x * x))
+        sum_of(self.signal, |&x| f64::from(x).powi(4))
     }
 }
 
@@ -288,7 +304,7 @@ mod tests {
             unit: "g".to_owned(),
             samples_per_turn: PER_TURN,
             turns: TURNS,
-            samples: samples.collect(),
+            samples: samples.map(|x| x as f32).collect(),
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
@@ -297,7 +313,7 @@ mod tests {
             &angle_record.without_other_meshes(&mesh),
             &mesh,
             10,
-            &mut Transforms::default(),
+            &mut RecordSpectrum::default(),
             &mut features,
         );
         features
@@ -357,7 +373,7 @@ mod tests {
                 &angle_record,
                 &of_teeth(teeth),
                 10,
-                &mut Transforms::default(),
+                &mut RecordSpectrum::default(),
                 &mut features,
             );
         }

@@ -63,66 +63,29 @@ impl Float for f64 {
     }
 }
 
-/// Plans for transforms of real data, most recently used first, and their scratch.
-pub(super) struct ForwardPlans<T> {
-    max_plans: usize,
-    plans: Vec<Arc<dyn RealToComplex<T>>>,
-    scratch: Vec<Complex<T>>,
-}
-
-impl<T: Float> Default for ForwardPlans<T> {
-    fn default() -> Self {
-        Self::with_max_plans(MAX_PLANS)
-    }
-}
-
-impl<T: Float> ForwardPlans<T> {
-    /// Creates a cache of up to `max_plans` plans.
-    fn with_max_plans(max_plans: usize) -> Self {
-        Self { max_plans, plans: Vec::with_capacity(max_plans), scratch: Vec::new() }
-    }
-
-    /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
-    pub(super) fn transform(&mut self, input: &mut [T], output: &mut Vec<Complex<T>>) {
-        let length = input.len();
-        match self.plans.iter().position(|plan| plan.len() == length) {
-            Some(index) => self.plans[..=index].rotate_right(1),
-            None => {
-                self.plans.truncate(self.max_plans - 1);
-                self.plans.insert(0, RealFftPlanner::new().plan_fft_forward(length));
-            }
-        }
-        let plan = &self.plans[0];
-        output.resize(length / 2 + 1, Complex::default());
-        grow(&mut self.scratch, plan.get_scratch_len());
-        plan.process_with_scratch(input, output, &mut self.scratch)
-            .expect("input, output and scratch have the plan's lengths");
-    }
-}
-
 /// Transform plans, most recently used first, and reusable buffers.
-pub(super) struct Transforms {
+pub(super) struct Transforms<T = f64> {
     max_plans: usize,
-    forward: ForwardPlans<f64>,
-    inverse: Vec<Arc<dyn ComplexToReal<f64>>>,
-    complex: Vec<Arc<dyn Fft<f64>>>,
-    scratch: Vec<Complex<f64>>,
-    real_buffers: Vec<Vec<f64>>,
-    complex_buffers: Vec<Vec<Complex<f64>>>,
+    forward: Vec<Arc<dyn RealToComplex<T>>>,
+    inverse: Vec<Arc<dyn ComplexToReal<T>>>,
+    complex: Vec<Arc<dyn Fft<T>>>,
+    scratch: Vec<Complex<T>>,
+    real_buffers: Vec<Vec<T>>,
+    complex_buffers: Vec<Vec<Complex<T>>>,
 }
 
-impl Default for Transforms {
+impl<T: Float> Default for Transforms<T> {
     fn default() -> Self {
         Self::with_max_plans(MAX_PLANS)
     }
 }
 
-impl Transforms {
+impl<T: Float> Transforms<T> {
     /// Creates a cache of up to `max_plans` plans per direction.
     pub(super) fn with_max_plans(max_plans: usize) -> Self {
         Self {
             max_plans,
-            forward: ForwardPlans::with_max_plans(max_plans),
+            forward: Vec::with_capacity(max_plans),
             inverse: Vec::with_capacity(max_plans),
             complex: Vec::with_capacity(2 * max_plans),
             scratch: Vec::new(),
@@ -133,12 +96,12 @@ impl Transforms {
 
     /// Returns an empty buffer for real numbers, with the memory of a [recycled](Self::recycle) one if
     /// possible.
-    pub(super) fn buffer(&mut self) -> Vec<f64> {
+    pub(super) fn buffer(&mut self) -> Vec<T> {
         self.real_buffers.pop().unwrap_or_default()
     }
 
     /// Recycles the memory of a buffer.
-    pub(super) fn recycle(&mut self, mut buffer: Vec<f64>) {
+    pub(super) fn recycle(&mut self, mut buffer: Vec<T>) {
         if self.real_buffers.len() < MAX_BUFFERS {
             buffer.clear();
             self.real_buffers.push(buffer);
@@ -146,12 +109,12 @@ impl Transforms {
     }
 
     /// Like the method for real numbers.
-    pub(super) fn complex_buffer(&mut self) -> Vec<Complex<f64>> {
+    pub(super) fn complex_buffer(&mut self) -> Vec<Complex<T>> {
         self.complex_buffers.pop().unwrap_or_default()
     }
 
     /// Like the method for real numbers.
-    pub(super) fn recycle_complex(&mut self, mut buffer: Vec<Complex<f64>>) {
+    pub(super) fn recycle_complex(&mut self, mut buffer: Vec<Complex<T>>) {
         if self.complex_buffers.len() < MAX_BUFFERS {
             buffer.clear();
             self.complex_buffers.push(buffer);
@@ -159,9 +122,9 @@ impl Transforms {
     }
 
     /// Σ z·exp(∓2πikn/N) in place of the N values, not divided by their number.
-    pub(super) fn complex(&mut self, values: &mut [Complex<f64>], direction: FftDirection) {
+    pub(super) fn complex(&mut self, values: &mut [Complex<T>], direction: FftDirection) {
         let matches =
-            |plan: &Arc<dyn Fft<f64>>| plan.len() == values.len() && plan.fft_direction() == direction;
+            |plan: &Arc<dyn Fft<T>>| plan.len() == values.len() && plan.fft_direction() == direction;
         match self.complex.iter().position(matches) {
             Some(index) => self.complex[..=index].rotate_right(1),
             None => {
@@ -175,13 +138,25 @@ impl Transforms {
     }
 
     /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
-    pub(super) fn forward(&mut self, input: &mut [f64], output: &mut Vec<Complex<f64>>) {
-        self.forward.transform(input, output);
+    pub(super) fn forward(&mut self, input: &mut [T], output: &mut Vec<Complex<T>>) {
+        let length = input.len();
+        match self.forward.iter().position(|plan| plan.len() == length) {
+            Some(index) => self.forward[..=index].rotate_right(1),
+            None => {
+                self.forward.truncate(self.max_plans - 1);
+                self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
+            }
+        }
+        let plan = &self.forward[0];
+        output.resize(length / 2 + 1, Complex::default());
+        grow(&mut self.scratch, plan.get_scratch_len());
+        plan.process_with_scratch(input, output, &mut self.scratch)
+            .expect("input, output and scratch have the plan's lengths");
     }
 
     /// The `output.len()` real values whose transform's bins are `input` (not divided by their number).
     /// `input` is overwritten; its bin 0 and, where there is one, the bin at half the sampling rate are real.
-    pub(super) fn inverse(&mut self, input: &mut [Complex<f64>], output: &mut [f64]) {
+    pub(super) fn inverse(&mut self, input: &mut [Complex<T>], output: &mut [T]) {
         let length = output.len();
         match self.inverse.iter().position(|plan| plan.len() == length) {
             Some(index) => self.inverse[..=index].rotate_right(1),
@@ -225,7 +200,7 @@ mod tests {
 
     #[test]
     fn one_and_two_samples_transform() {
-        let mut transforms = Transforms::default();
+        let mut transforms = Transforms::<f64>::default();
         let mut bins = Vec::new();
         transforms.forward(&mut [3.0], &mut bins);
         assert_eq!(bins, [Complex::new(3.0, 0.0)]);
@@ -235,11 +210,11 @@ mod tests {
 
     #[test]
     fn cached_plans_are_bounded() {
-        let mut transforms = Transforms::default();
+        let mut transforms = Transforms::<f64>::default();
         for length in 1..40 {
             transforms.forward(&mut vec![0.0; length], &mut Vec::new());
         }
-        assert_eq!(transforms.forward.plans.len(), MAX_PLANS);
-        assert_eq!(transforms.forward.plans[0].len(), 39);
+        assert_eq!(transforms.forward.len(), MAX_PLANS);
+        assert_eq!(transforms.forward[0].len(), 39);
     }
 }

@@ -82,7 +82,7 @@ fn fill_wave(wave: &mut Vec<Complex<f64>>, count: usize, k: usize, period: usize
 
 /// Σₜ x(t, j)·cos(2πmt/T) and Σₜ x(t, j)·sin(2πmt/T) at every angle j, vectorised.
 struct TurnSums<'a> {
-    samples: &'a [f64],
+    samples: &'a [f32],
     turns: usize,
     /// The weights of all turns for m = 0, then for m = 1 and so on.
     weights: &'a [Weights],
@@ -94,14 +94,14 @@ impl WithSimd for TurnSums<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn with_simd<S: Simd>(self, _: S) {
         let per_turn = self.samples.len() / self.turns;
         let groups = self.turns.div_ceil(TURNS_AT_ONCE);
         for first_angle in (0..per_turn).step_by(ANGLES_AT_ONCE) {
             let angles = first_angle..(first_angle + ANGLES_AT_ONCE).min(per_turn);
             for group in 0..groups {
                 // A group that is not full has the last turn several times, with the weight zero.
-                let turns: [&[f64]; TURNS_AT_ONCE] = std::array::from_fn(|n| {
+                let turns: [&[f32]; TURNS_AT_ONCE] = std::array::from_fn(|n| {
                     let turn = (group * TURNS_AT_ONCE + n).min(self.turns - 1);
                     &self.samples[turn * per_turn..][angles.clone()]
                 });
@@ -110,8 +110,8 @@ impl WithSimd for TurnSums<'_> {
                     let (cos, sin) = (&mut cos[angles.clone()], &mut sin[angles.clone()]);
                     match m {
                         // The sines are zero.
-                        0 => add(simd, turns, [&weights[0]], [cos]),
-                        _ => add(simd, turns, weights.each_ref(), [cos, sin]),
+                        0 => add(turns, [&weights[0]], [cos]),
+                        _ => add(turns, weights.each_ref(), [cos, sin]),
                     }
                 }
             }
@@ -121,25 +121,15 @@ impl WithSimd for TurnSums<'_> {
 
 /// Adds the weighted samples of some turns to each sum.
 #[inline(always)]
-fn add<S: Simd, const SUMS: usize>(
-    simd: S,
-    turns: [&[f64]; TURNS_AT_ONCE],
+fn add<const SUMS: usize>(
+    [a, b, c, d]: [&[f32]; TURNS_AT_ONCE],
     weights: [&[f64; TURNS_AT_ONCE]; SUMS],
-    sums: [&mut [f64]; SUMS],
+    mut sums: [&mut [f64]; SUMS],
 ) {
-    let [(a, a_rest), (b, b_rest), (c, c_rest), (d, d_rest)] = turns.map(|turn| S::as_simd_f64s(turn));
-    let mut sums = sums.map(|sum| S::as_mut_simd_f64s(sum));
-    let factors = weights.map(|part| part.map(|weight| simd.splat_f64s(weight)));
     for (n, (((&a, &b), &c), &d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
-        for ((sum, _), factors) in sums.iter_mut().zip(&factors) {
-            for (x, &factor) in [a, b, c, d].into_iter().zip(factors) {
-                sum[n] = simd.mul_add_e_f64s(x, factor, sum[n]);
-            }
-        }
-    }
-    for (n, (((a, b), c), d)) in a_rest.iter().zip(b_rest).zip(c_rest).zip(d_rest).enumerate() {
-        for ((_, sum), weights) in sums.iter_mut().zip(weights) {
-            sum[n] += [a, b, c, d].into_iter().zip(weights).map(|(x, weight)| x * weight).sum::<f64>();
+        let [a, b, c, d] = [a, b, c, d].map(f64::from);
+        for (sum, weights) in sums.iter_mut().zip(weights) {
+            sum[n] += (a * weights[0] + b * weights[1]) + (c * weights[2] + d * weights[3]);
         }
     }
 }
