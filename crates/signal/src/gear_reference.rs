@@ -10,7 +10,8 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
 use super::{
-    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, Record, RunMean, RunMeans, Tachometer,
+    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, Precision, Record, RunMean, RunMeans,
+    Tachometer,
 };
 
 #[derive(Deserialize)]
@@ -141,7 +142,11 @@ fn spectra_and_bands_equal_scipy() {
         assert_close(&case.name, &analyzer().cepstrum(&record).unwrap().value, &case.cepstrum);
         let band = |name: &str, quantity| Band { name: name.to_owned(), band_hz: case.band_hz, quantity };
         let bands = [band("a", BandQuantity::Record), band("v", BandQuantity::Velocity)];
-        let got = analyzer().analyze_with_bands(&record, &case.mesh(), &bands).indicators;
+        let settings = AnalysisSettings { precision: Precision::Double, ..AnalysisSettings::default() };
+        let [double, got] = [Analyzer::new(settings), analyzer()]
+            .map(|mut analyzer| analyzer.analyze_with_bands(&record, &case.mesh(), &bands).indicators);
+        assert_close(&case.name, &[double.values["band_a"]], &[case.band_rms]);
+        assert_close(&case.name, &[double.values["band_v"]], &[case.band_velocity_mm_per_s]);
         for (name, want) in [("band_a", case.band_rms), ("band_v", case.band_velocity_mm_per_s)] {
             let apart = (got.values[name] / want - 1.0).abs();
             assert!(apart <= BAND, "{}, {name}: {apart}", case.name);

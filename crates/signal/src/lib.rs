@@ -92,7 +92,7 @@ mod turn_bins;
 mod velocity;
 
 pub use acceleration::unit_factor;
-pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
+pub use analyzer::{Analysis, AnalysisSettings, Analyzer, Precision};
 pub use angle_record::{AngleRecord, OrderSpectrum};
 pub use band::{Band, BandQuantity, is_name};
 pub use bearing::{Bearing, BearingLine, BearingOrders};

@@ -50,8 +50,7 @@ impl RecordSpectrum {
         self.complete(moments)
     }
 
-    /// Does the same in single precision, in which samples are stored. Relative to the highest bin, the error of
-    /// a bin is at most 2·10⁻⁷, and 10⁻⁹ root mean square.
+    /// Does the same in single precision, in which samples are stored.
     pub(super) fn transform_in_single_precision(&mut self, record: &RecordOf<'_>) -> Moments {
         let SinglePrecision { transforms, samples, bins } = &mut self.single;
         let moments = Moments::of(record.samples(), samples);

@@ -18,7 +18,8 @@ use flankwatch_gear::{
     ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings,
 };
 use flankwatch_signal::{
-    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Record, RecordError,
+    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Precision, Record,
+    RecordError,
 };
 
 /// Positions of the mesh cycle that the dynamics use.
@@ -243,7 +244,9 @@ impl Build<'_> {
     fn analyze(&self, run: &RunSettings, response: &[f64], index: usize) -> Result<Analysis, LibraryError> {
         let lock = || self.analyzers.lock().unwrap_or_else(PoisonError::into_inner);
         let idle = lock().pop();
-        let mut analyzer = idle.unwrap_or_else(|| Analyzer::new(AnalysisSettings::default()));
+        // A simulated record has no noise to hide the rounding of single precision.
+        let settings = AnalysisSettings { precision: Precision::Double, ..AnalysisSettings::default() };
+        let mut analyzer = idle.unwrap_or_else(|| Analyzer::new(settings));
         let analysis = analyze(&mut analyzer, self.pair.gears[0].teeth, run, response);
         lock().push(analyzer);
         analysis.map_err(|source| LibraryError::Response { index, source })
