@@ -3,15 +3,13 @@
     cargo build --release
     python3 crates/wear/benches/numba_ensemble.py target/release/flankwatch [runs]
 
-Needs NumPy and Numba. The script times the classical Runge-Kutta method of order 4 on the model with four
+Needs NumPy, SciPy and Numba. The script times the classical Runge-Kutta method of order 4 on the model with four
 degrees of freedom, scalar, compiled by Numba. The excitation is the mesh period that `flankwatch model`
 prints; masses, supports and errors are those of fixtures/pairs/shen2022.toml. It then lets the program
 simulate an ensemble from nothing. For each member and depth, Numba would have to take the steps of the
 start-up transient and two mesh periods, at the step that the ensemble uses. The program's time also includes
 the worn flanks, the compliance of the gears, the mesh cycles and the lines.
 """
-import csv
-import io
 import math
 import resource
 import subprocess
@@ -22,11 +20,10 @@ import time
 import numba
 import numpy as np
 
+from scipy_library import SHAFT_HZ, SHORT_M, SUPPORT_C, SUPPORT_K, TEETH, TORQUE, mesh_period
+
 MEMBERS, DEPTHS = 1280, 54
-TEETH, MODULE_M, WIDTH_M, DENSITY = (24, 26), 6e-3, 50e-3, 7850.0
-TORQUE, SHAFT_HZ, DAMPING_RATIO = 1300.0, 16.64, 0.15
-SUPPORT_K, SUPPORT_C = 6.56e7, 1.8e5
-SHORT_M = 15e-6
+DAMPING_RATIO = 0.15
 SAMPLES_A_PERIOD, STEPS_A_SAMPLE, PERIODS = 40, 8, 2
 SETTLING_NEPERS = 16
 STEPS = 400_000
@@ -67,14 +64,7 @@ def integrate(steps, h, k, lag, lag_rate, par):
 
 def main():
     program, runs = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 1
-    out = subprocess.run([program, "model", "--wear-mm", "0.1", "--points", "1000"], check=True, capture_output=True, text=True).stdout
-    rows = list(csv.DictReader(io.StringIO(out)))
-    k = np.array([float(row["stiffness_n_per_m"]) for row in rows])
-    pitch = [z * MODULE_M / 2 for z in TEETH]
-    base = [r * math.cos(math.radians(20)) for r in pitch]
-    lag = base[1] * np.array([float(row["uste_rad"]) for row in rows])
-    mass = [math.pi * r * r * WIDTH_M * DENSITY for r in pitch]
-    mesh_mass = 1 / sum(b * b / (0.5 * m * r * r) for b, m, r in zip(base, mass, pitch))
+    k, lag, base, mass, mesh_mass = mesh_period(program)
     mesh_c = 2 * DAMPING_RATIO * math.sqrt(k.mean() * mesh_mass)
     mesh_hz = SHAFT_HZ * TEETH[0]
     k, lag = np.append(k, k[0]), np.append(lag, lag[0])

@@ -25,8 +25,8 @@ SUPPORT_K, SUPPORT_C = 6.56e7, 1.8e5
 LONG_M, SHORT_M = 30e-6, 15e-6
 
 
-def main():
-    program, library_processor_s = sys.argv[1], float(sys.argv[2])
+def mesh_period(program):
+    """Stiffness in N/m and lag in m over a mesh period, base radii in m, masses and mesh mass in kg."""
     out = subprocess.run([program, "model", "--wear-mm", "0.1", "--points", "1000"], check=True, capture_output=True, text=True).stdout
     rows = list(csv.DictReader(io.StringIO(out)))
     k = np.array([float(row["stiffness_n_per_m"]) for row in rows])
@@ -35,6 +35,12 @@ def main():
     lag = base[1] * np.array([float(row["uste_rad"]) for row in rows])
     mass = [math.pi * r * r * WIDTH_M * DENSITY for r in pitch]
     mesh_mass = 1 / sum(b * b / (0.5 * m * r * r) for b, m, r in zip(base, mass, pitch))
+    return k, lag, base, mass, mesh_mass
+
+
+def main():
+    program, library_processor_s = sys.argv[1], float(sys.argv[2])
+    k, lag, base, mass, mesh_mass = mesh_period(program)
     mesh_c = 2 * DAMPING_RATIO * math.sqrt(k.mean() * mesh_mass)
     mesh_hz = SHAFT_HZ * TEETH[0]
     places = np.linspace(0, 1, len(k) + 1)
