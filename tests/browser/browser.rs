@@ -18,13 +18,30 @@ const RECORDS: u32 = 120;
 
 const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
+/// Browsers from the lightest on.
+const BROWSERS: [&str; 2] = ["/usr/bin/chromium-headless-shell", "/usr/bin/chromium"];
+
 #[test]
 #[ignore = "needs Chromium, Node and npm install in tests/browser"]
-fn the_dashboard_works_in_a_browser() {
+fn the_dashboard_works_for_analysis() {
+    check_in_browser("analysis");
+}
+
+#[test]
+#[ignore = "needs Chromium, Node and npm install in tests/browser"]
+fn the_dashboard_works_for_operation() {
+    check_in_browser("operation");
+}
+
+/// Runs one part of the checks against services of its own.
+fn check_in_browser(part: &str) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
-    let chromium = std::env::var("FLANKWATCH_CHROMIUM").unwrap_or_else(|_| "/usr/bin/chromium".to_owned());
-    let ready = Path::new(&chromium).exists() && folder.join("node_modules/playwright-core").is_dir();
-    needed(ready.then_some(()), "Chromium, or `npm install` in tests/browser,");
+    let chromium = std::env::var("FLANKWATCH_CHROMIUM").ok().or_else(|| {
+        BROWSERS.iter().find(|browser| Path::new(browser).exists()).map(|&browser| browser.to_owned())
+    });
+    let ready = folder.join("node_modules/playwright-core").is_dir();
+    let chromium = chromium.filter(|browser| ready && Path::new(browser).exists());
+    let chromium = needed(chromium, "Chromium, or `npm install` in tests/browser,");
     let service = Service::start();
     let pair = PairSpec::from_toml(PAIR).unwrap();
     feed(&service, &pair);
@@ -36,6 +53,7 @@ fn the_dashboard_works_in_a_browser() {
     write_recording(&pair, &recordings.join("shift.mcap"));
     let output = Command::new("node")
         .arg(folder.join("dashboard.mjs"))
+        .env("FLANKWATCH_PART", part)
         .env("FLANKWATCH_URL", service.url(""))
         .env("FLANKWATCH_ASSET", "gearbox")
         .env("FLANKWATCH_GUARDED_URL", guarded.url(""))

@@ -3,6 +3,7 @@
 // FLANKWATCH_URL: the service, for example http://127.0.0.1:8600
 // FLANKWATCH_ASSET: an asset with a library and at least a few estimated records
 // FLANKWATCH_CHROMIUM: the browser (default /usr/bin/chromium)
+// FLANKWATCH_PART: run only the checks of "analysis" or of "operation" (optional)
 // FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN: a service that requires this token with scope admin, with an
 // asset “pump”
 // FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS: a service without assets, and a folder of WAV files of a run to
@@ -18,48 +19,55 @@
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
 
-const FILES = [
-  "pages",
-  "severity",
-  "record",
-  "spectrum",
-  "plots",
-  "still",
-  "match",
-  "views",
-  "without-gears",
-  "report",
-  "links",
-  "downloads",
-  "bench",
-  "baseline-lines",
-  "times",
-  "live",
-  "stream",
-  "connection",
-  "alarms",
-  "alarm-levels",
-  "upload",
-  "import",
-  "import-channels",
-  "records",
-  "setup",
-  "setup-draft",
-  "journey",
-  "session",
-  "tokens",
-  "fleet",
-  "keyboard",
-  "focus",
-  "accessibility",
-  "speed",
-];
+// Parts that run beside each other take about the same time.
+const PARTS = {
+  analysis: [
+    "pages",
+    "severity",
+    "record",
+    "spectrum",
+    "plots",
+    "still",
+    "match",
+    "views",
+    "without-gears",
+    "report",
+    "links",
+    "downloads",
+    "bench",
+    "baseline-lines",
+    "times",
+    "live",
+  ],
+  operation: [
+    "stream",
+    "connection",
+    "alarms",
+    "alarm-levels",
+    "upload",
+    "import",
+    "import-channels",
+    "records",
+    "setup",
+    "setup-draft",
+    "journey",
+    "session",
+    "tokens",
+    "fleet",
+    "keyboard",
+    "focus",
+    "accessibility",
+    "speed",
+  ],
+};
+const part = process.env.FLANKWATCH_PART;
+const files = part ? PARTS[part] : Object.values(PARTS).flat();
 const only = (process.env.FLANKWATCH_ONLY ?? "").split("|");
 
 if (shots) await mkdir(shots, { recursive: true });
 const failures = [];
 let run = 0;
-for (const file of FILES) {
+for (const file of files) {
   const { CHECKS } = await import(`./${file}.mjs`);
   for (const [name, check] of Object.entries(CHECKS ?? {}).filter(([name]) =>
     only.some((text) => `${file}: ${name}`.includes(text)),
