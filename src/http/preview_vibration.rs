@@ -1,6 +1,6 @@
 //! The acceleration of a previewed pair, over few enough mesh periods for a slider step.
 
-use realfft::RealFftPlanner;
+use flankwatch_fourier::Planned;
 use serde::Serialize;
 
 use crate::gear::{GearError, GearPair, MeshCycle, RunSettings, simulate};
@@ -101,7 +101,7 @@ impl VibrationPlan {
 /// Peak amplitudes from 0 to half of the sampling rate; the samples are overwritten.
 fn amplitudes(samples: &mut [f64]) -> Vec<f64> {
     let length = samples.len();
-    let plan = RealFftPlanner::<f64>::new().plan_fft_forward(length);
+    let plan = f64::forward_plan(length);
     let mut bins = plan.make_output_vec();
     if let Err(error) = plan.process(samples, &mut bins) {
         // the plan was made for this length

@@ -29,6 +29,7 @@ const MODULES: [Modules; 3] = [
 
 /// Folders without clock, environment, randomness, files or threads.
 const PURE: [&str; 6] = [
+    "crates/fourier/src",
     "crates/gear/src",
     "crates/signal/src",
     "crates/recording/src",

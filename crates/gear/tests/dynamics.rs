@@ -8,10 +8,9 @@
 
 use std::f64::consts::{PI, TAU};
 
+use flankwatch_fourier::{Complex, Planned};
 use flankwatch_gear::{ContactRule, FlankWear, GearPair, MeshCycle, PairSpec, RunSettings, simulate};
 use ode_solvers::{Dop853, OutputType, System, Vector6};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
 
 /// Points of the mesh period from which the excitation is interpolated.
 const POINTS: usize = 200_000;
@@ -224,7 +223,7 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
 
 fn transform(mut values: Vec<f64>) -> Vec<Complex<f64>> {
     let count = values.len();
-    let plan = RealFftPlanner::new().plan_fft_forward(count);
+    let plan = f64::forward_plan(count);
     let mut bins = plan.make_output_vec();
     plan.process(&mut values, &mut bins).unwrap();
     bins.iter().map(|bin| bin / count as f64).collect()
@@ -245,7 +244,7 @@ fn reference_coefficients(velocity: &[f64]) -> Vec<Complex<f64>> {
 
 /// One turn's waveform from Fourier coefficients 1 to `last`.
 fn waveform(coefficients: &[Complex<f64>], last: usize, count: usize) -> Vec<f64> {
-    let plan = RealFftPlanner::new().plan_fft_inverse(count);
+    let plan = f64::inverse_plan(count);
     let mut bins = plan.make_input_vec();
     bins[1..=last].copy_from_slice(&coefficients[1..=last]);
     let mut values = plan.make_output_vec();

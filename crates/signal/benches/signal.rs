@@ -8,6 +8,7 @@ use std::hint::black_box;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use flankwatch_fourier::Planned;
 use flankwatch_signal::{
     AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, MeshContext, Record, Tachometer,
 };
@@ -15,7 +16,6 @@ use jiff::Timestamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use realfft::RealFftPlanner;
 
 const SAMPLES: usize = 200_000;
 const RATE_HZ: f64 = 20_000.0;
@@ -69,7 +69,7 @@ fn main() {
         pulses_per_revolution: 1,
     };
     let with_pulses = record.clone().with_tachometer(Some(tachometer));
-    let plan = RealFftPlanner::<f64>::new().plan_fft_forward(SAMPLES);
+    let plan = f64::forward_plan(SAMPLES);
     let (mut input, mut output, mut scratch) =
         (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();

@@ -1,6 +1,6 @@
 //! The real cepstrum, which turns a family of equally spaced lines into a single peak.
 
-use realfft::num_complex::Complex;
+use flankwatch_fourier::Complex;
 use serde::Serialize;
 
 use super::analyzer::Analyzer;

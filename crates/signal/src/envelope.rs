@@ -1,8 +1,7 @@
 //! The envelope spectrum of a band, computed from the band's bins alone.
 
+use flankwatch_fourier::{Complex, FftDirection};
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
-use rustfft::FftDirection;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -6,8 +6,8 @@
 
 use std::f64::consts::TAU;
 
+use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::mesh_context::MeshContext;

@@ -1,6 +1,6 @@
 //! The synchronous average of a gear, split into the part of a healthy mesh and the rest.
 
-use realfft::num_complex::Complex;
+use flankwatch_fourier::Complex;
 
 use super::sums::mean_of;
 use super::transform::Transforms;

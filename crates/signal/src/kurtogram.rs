@@ -1,6 +1,6 @@
 //! The fast kurtogram: the band in which a record is most impulsive.
 
-use realfft::num_complex::Complex;
+use flankwatch_fourier::Complex;
 use serde::Serialize;
 
 use super::analyzer::Analyzer;

@@ -3,9 +3,8 @@
 use std::cmp::Ordering;
 use std::f64::consts::TAU;
 
+use flankwatch_fourier::{Complex, FftDirection};
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
-use rustfft::FftDirection;
 
 use super::phases::{add_phase_steps, phases_of};
 use super::shaft_angle::{AngleSource, ShaftAngle};

@@ -2,8 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
+use flankwatch_fourier::{Complex, Planned};
 use serde::{Deserialize, Serialize};
 
 use super::RecordOf;
@@ -77,10 +76,9 @@ impl Motion {
         if power == 0 {
             return Some(record.samples().iter().map(|x| (f64::from(*x) * factor) as f32).collect());
         }
-        let mut planner = RealFftPlanner::<f64>::new();
         let length = record.samples().len();
         let mut samples: Vec<f64> = record.samples().iter().map(|x| f64::from(*x)).collect();
-        let forward = planner.plan_fft_forward(length);
+        let forward = f64::forward_plan(length);
         let mut lines = forward.make_output_vec();
         // The lengths match, as both buffers were made for this plan.
         forward.process(&mut samples, &mut lines).ok()?;
@@ -97,7 +95,7 @@ impl Motion {
                 line.im = 0.0;
             }
         }
-        let inverse = planner.plan_fft_inverse(length);
+        let inverse = f64::inverse_plan(length);
         inverse.process(&mut lines, &mut samples).ok()?;
         Some(samples.into_iter().map(|x| x as f32).collect())
     }

@@ -3,8 +3,8 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
+use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
 
 /// From this ratio on, the arctangent is computed of the angle's distance from π/4.
 const STEEP: f64 = 0.66;

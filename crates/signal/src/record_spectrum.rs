@@ -1,6 +1,6 @@
 //! One record's transform and its buffers.
 
-use realfft::num_complex::Complex;
+use flankwatch_fourier::Complex;
 
 use super::envelope::Envelope;
 use super::moments::Moments;

@@ -1,7 +1,7 @@
 //! The one-sided amplitude spectrum under a Hann window.
 
+use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
 use serde::Serialize;
 
 /// Equivalent noise bandwidth of the Hann window in bins.

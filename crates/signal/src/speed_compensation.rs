@@ -3,8 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use realfft::num_complex::Complex;
-use rustfft::FftDirection;
+use flankwatch_fourier::{Complex, FftDirection};
 
 use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;

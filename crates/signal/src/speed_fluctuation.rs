@@ -7,7 +7,7 @@
 
 use std::f64::consts::TAU;
 
-use realfft::num_complex::Complex;
+use flankwatch_fourier::Complex;
 
 use super::mesh_phase::MeshBand;
 use super::transform::Transforms;

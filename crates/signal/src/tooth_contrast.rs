@@ -5,8 +5,8 @@
 //! sidebands next to them. A single different tooth (a crack, a chip) acts once per turn over one tooth's
 //! angle: it causes many weak sidebands far from the harmonics.
 
+use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;

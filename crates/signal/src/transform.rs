@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, FftNum, RealFftPlanner, RealToComplex};
-use rustfft::{Fft, FftDirection, FftPlanner};
+use flankwatch_fourier::{Complex, ComplexToReal, Fft, FftDirection, Planned, RealToComplex};
 
 /// Number of cached plans per direction. Records of one asset share a length, so a few suffice; without a
 /// limit, a stream of different lengths would grow memory forever.
@@ -46,7 +44,7 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
 const MAX_BUFFERS: usize = 24;
 
 /// A floating-point type in which records are transformed.
-pub(super) trait Float: FftNum + Default {
+pub(super) trait Float: Planned + Default {
     /// The nearest number of this type.
     fn rounded(value: f64) -> Self;
 }
@@ -129,7 +127,7 @@ impl<T: Float> Transforms<T> {
             Some(index) => self.complex[..=index].rotate_right(1),
             None => {
                 self.complex.truncate(2 * self.max_plans - 1);
-                self.complex.insert(0, FftPlanner::new().plan_fft(values.len(), direction));
+                self.complex.insert(0, T::complex_plan(values.len(), direction));
             }
         }
         let plan = &self.complex[0];
@@ -144,7 +142,7 @@ impl<T: Float> Transforms<T> {
             Some(index) => self.forward[..=index].rotate_right(1),
             None => {
                 self.forward.truncate(self.max_plans - 1);
-                self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
+                self.forward.insert(0, T::forward_plan(length));
             }
         }
         let plan = &self.forward[0];
@@ -162,7 +160,7 @@ impl<T: Float> Transforms<T> {
             Some(index) => self.inverse[..=index].rotate_right(1),
             None => {
                 self.inverse.truncate(self.max_plans - 1);
-                self.inverse.insert(0, RealFftPlanner::new().plan_fft_inverse(length));
+                self.inverse.insert(0, T::inverse_plan(length));
             }
         }
         let plan = &self.inverse[0];
