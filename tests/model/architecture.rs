@@ -28,7 +28,7 @@ const MODULES: [Modules; 3] = [
 ];
 
 /// Folders without clock, environment, randomness, files or threads.
-const PURE: [&str; 6] = [
+const PURE: [&str; 7] = [
     "crates/fourier/src",
     "crates/gear/src",
     "crates/signal/src",
