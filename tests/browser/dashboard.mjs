@@ -62,6 +62,7 @@ const PARTS = {
 };
 const part = process.env.FLANKWATCH_PART;
 const files = part ? PARTS[part] : Object.values(PARTS).flat();
+if (!files) throw new Error(`FLANKWATCH_PART is ${part}, expected one of: ${Object.keys(PARTS).join(", ")}`);
 const only = (process.env.FLANKWATCH_ONLY ?? "").split("|");
 
 if (shots) await mkdir(shots, { recursive: true });
