@@ -13,7 +13,7 @@ use super::mesh_context::MeshContext;
 use super::record::{Quality, RecordOf};
 
 /// Identifier of the method behind the indicators over the shaft angle.
-pub const GEAR_PREPROCESSING: &str = "turns-1";
+pub const GEAR_PREPROCESSING: &str = "turns-2";
 
 /// Indicators that a clipped record does not provide: there they describe the converter, not the machine.
 const INVALID_WHEN_CLIPPED: [&str; 3] = ["peak", "crest_factor", "kurtosis"];

@@ -8,8 +8,9 @@ use super::band::{Band, BandQuantity};
 use super::bearing;
 use super::velocity::VELOCITY_RMS;
 
-/// Identifier of the method behind the indicators. Stored indicators with another identifier are recomputed.
-pub const INDICATORS: &str = "indicators-2";
+/// Identifier of the method behind the indicators, and of its precision. Stored indicators with another
+/// identifier are recomputed.
+pub const INDICATORS: &str = "indicators-3";
 
 /// Why an indicator could not be computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
