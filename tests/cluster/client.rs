@@ -96,7 +96,11 @@ impl Client {
                 return answer.clone();
             }
             // A history has hundreds of rows: the first ones say what kind of answer it is.
-            assert!(began.elapsed() < Duration::from_secs(120), "{path} is still {:.600}", format!("{found:?}"));
+            assert!(
+                began.elapsed() < Duration::from_secs(120),
+                "{path} is still {:.600}",
+                format!("{found:?}")
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
