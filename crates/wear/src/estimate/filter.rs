@@ -173,8 +173,8 @@ impl Filter {
     }
 
     fn pack(&mut self, cells: &[f32], parts: &[f32]) {
-        self.cells = Packed::of(cells);
-        self.parts = Packed::of(parts);
+        self.cells.set(cells);
+        self.parts.set(parts);
     }
 
     /// Returns the probability of each group of members; the sum is 1.
@@ -257,9 +257,11 @@ fn weigh(
     members: &[Row],
     weight: impl Fn(f32) -> f32 + Copy,
 ) {
-    let weights = of_group(parts, members, weight);
+    let mut weights = [0.0; DEPTHS];
     for (part, row) in parts.iter_mut().zip(members) {
-        let weighed: Row = std::array::from_fn(|depth| weight(row[depth]) * depths[depth]);
+        let of_member: Row = std::array::from_fn(|depth| weight(row[depth]));
+        (0..DEPTHS).for_each(|depth| weights[depth] += *part * of_member[depth]);
+        let weighed: Row = std::array::from_fn(|depth| of_member[depth] * depths[depth]);
         *part *= sum(&weighed);
     }
     normalise(parts);
@@ -326,6 +328,13 @@ const MIN_EXPONENT: u32 = (127 - 31) << 23;
 
 impl Packed {
     fn of(values: &[f32]) -> Self {
+        let mut packed = Self(vec![0; values.len()]);
+        packed.set(values);
+        packed
+    }
+
+    /// Replaces all values by as many others.
+    fn set(&mut self, values: &[f32]) {
         let (eights, rest) = values.as_chunks::<8>();
         let mut highest = [f32::MIN_POSITIVE; 8];
         for eight in eights {
@@ -337,7 +346,7 @@ impl Packed {
             let bits = (value * scale).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
             (bits.saturating_sub(MIN_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
         };
-        Self(values.iter().map(packed).collect())
+        self.0.iter_mut().zip(values).for_each(|(old, value)| *old = packed(value));
     }
 
     fn unpacked(&self) -> Vec<f32> {

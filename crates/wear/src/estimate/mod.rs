@@ -32,6 +32,7 @@ mod novelty;
 mod prognosis;
 mod sudden_change;
 mod tracker;
+mod transmission_error;
 mod wear;
 
 pub use alarm::{

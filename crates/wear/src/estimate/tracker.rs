@@ -20,6 +20,7 @@ use super::discrepancy::Discrepancy;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
+use super::transmission_error::TransmissionErrors;
 use super::wear::{MissingLibrary, WearEstimate, WearStatus};
 use crate::library::{Ensemble, REPORTED};
 use flankwatch_signal::Features;
@@ -55,6 +56,7 @@ pub struct Tracker {
     grid: DepthGrid,
     growth: Growth,
     discrepancy: Option<Discrepancy>,
+    transmission_errors: Option<TransmissionErrors>,
 }
 
 impl Tracker {
@@ -66,6 +68,7 @@ impl Tracker {
             settings,
             growth: Growth::on(depths_um),
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
+            transmission_errors: ensemble.as_deref().map(TransmissionErrors::of),
             grid,
             ensemble,
             missing_library: MissingLibrary::default(),

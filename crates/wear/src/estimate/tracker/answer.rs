@@ -5,17 +5,12 @@ use crate::estimate::comparability::Rejection;
 use crate::estimate::filter::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
-use crate::estimate::wear::{
-    BaselineProgress, BestState, Interval, MissingLibrary, WearEstimate, WearStatus,
-};
+use crate::estimate::wear::{BaselineProgress, BestState, MissingLibrary, WearEstimate, WearStatus};
 use crate::library::{Ensemble, Library, REPORTED};
 use flankwatch_signal::{Features, NotComputed};
 
 /// Widest 90 % interval, as a part of the library's depths, that still counts as an estimate.
 const MAX_INTERVAL_PART: f64 = 0.6;
-
-/// Bins of the transmission error's histogram.
-const ERROR_BINS: usize = 2048;
 
 impl Tracker {
     /// Adds a record's novelty to an answer without a depth, with the status and reason that follow from it.
@@ -108,7 +103,8 @@ impl Tracker {
         answer.p75_um = Some(quantile(0.75));
         answer.high_um = Some(high);
         answer.at_least_um = at_end.then_some(least);
-        answer.transmission_error_um = transmission_error(ensemble, &posterior.joint);
+        let errors = self.transmission_errors.as_ref();
+        answer.transmission_error_um = errors.and_then(|errors| errors.interval_um(&posterior.joint));
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
         answer.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
         answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.reported_um(depth)));
@@ -146,32 +142,6 @@ impl Tracker {
             ..WearEstimate::without_number(status, reason.to_owned(), baseline)
         }
     }
-}
-
-/// Transmission error due to wear in µm, from the probability by group of members and depth. The members of
-/// a group have the same wear, and so the same error.
-fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
-    let groups = ensemble.members().chunks(ensemble.variants());
-    let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
-    let greatest_um = ensemble.greatest_transmission_error_um();
-    // Bins are equally wide in the square root, so they are narrow where errors are small.
-    let bins_per_root = (ERROR_BINS - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
-    let mut by_bin = [0.0_f32; ERROR_BINS];
-    for (error_um, p) in errors.zip(joint) {
-        by_bin[(error_um.max(0.0).sqrt() * bins_per_root) as usize] += p;
-    }
-    let total: f32 = by_bin.iter().sum();
-    let quantile = |level: f32| {
-        let mut left = level * total;
-        let bin = by_bin.iter().position(|p| {
-            left -= p;
-            left <= 0.0
-        })?;
-        // `left` is now negative: minus the probability of the bin that lies above the quantile.
-        let at = if bin == 0 { 0.0 } else { bin as f32 + 1.0 + left / by_bin[bin] };
-        Some(f64::from((at / bins_per_root).powi(2).min(greatest_um)))
-    };
-    Some(Interval { median: quantile(0.5)?, p05: quantile(0.05)?, p95: quantile(0.95)? })
 }
 
 /// The features that deviate most, in words.

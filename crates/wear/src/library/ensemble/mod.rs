@@ -82,7 +82,6 @@ pub struct Ensemble {
     depths_um: Vec<f64>,
     members: Vec<Member>,
     changes: LineChanges,
-    greatest_transmission_error_um: f32,
 }
 
 /// Returns the id of an ensemble: a hash of everything that it depends on.
@@ -115,9 +114,7 @@ impl Ensemble {
         let (members, changes): (Vec<Member>, Vec<Vec<f32>>) =
             members.into_iter().map(|Simulated { member, changes }| (member, changes)).unzip();
         let (depths_um, changes) = (depths_um(described.max_wear_um()), LineChanges::of(&changes));
-        let errors_um = members.iter().flat_map(|member| member.transmission_error_um());
-        let greatest_transmission_error_um = errors_um.copied().fold(0.0, f32::max);
-        Self { id, described, depths_um, members, changes, greatest_transmission_error_um }
+        Self { id, described, depths_um, members, changes }
     }
 
     /// Returns the members with the changes of their lines.
@@ -202,11 +199,6 @@ impl Ensemble {
     /// Returns the members, which are equally probable a priori.
     pub fn members(&self) -> &[Member] {
         &self.members
-    }
-
-    /// Returns the greatest transmission error due to wear of any member, in µm.
-    pub(crate) fn greatest_transmission_error_um(&self) -> f32 {
-        self.greatest_transmission_error_um
     }
 
     /// Returns the change of line `line` (0 is the first mesh harmonic) of a member at a depth index: the
