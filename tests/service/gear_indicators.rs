@@ -3,7 +3,7 @@
 use std::io::Cursor;
 
 use flankwatch::recording::{BlockEncoding, McapOptions, McapReader, McapWriter, encode_block};
-use flankwatch::signal::{OperatingPoint, Quality, Record, Tachometer};
+use flankwatch::signal::{GEAR_PREPROCESSING, OperatingPoint, PREPROCESSING, Quality, Record, Tachometer};
 use prost::Message;
 use serde_json::{Value, json};
 
@@ -71,7 +71,7 @@ fn a_record_has_gear_indicators_and_the_source_of_its_shaft_angle() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &turning(3));
-    assert_eq!(segment["preprocessing"], format!("{}+turns-2", flankwatch::signal::PREPROCESSING));
+    assert_eq!(segment["preprocessing"], format!("{PREPROCESSING}+{GEAR_PREPROCESSING}"));
     assert_eq!(segment["shaft_angle"]["source"], "mesh_phase");
     assert!(segment["shaft_angle"]["angle_error_deg"].as_f64().unwrap() < 2.0);
     // The generated amplitude, despite the fluctuating speed.

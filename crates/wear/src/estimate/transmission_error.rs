@@ -16,6 +16,7 @@ pub(super) struct TransmissionErrors {
 }
 
 impl TransmissionErrors {
+    /// Sorts the errors of an ensemble's groups at all depths.
     pub(super) fn of(ensemble: &Ensemble) -> Self {
         let groups = ensemble.members().chunks(ensemble.variants());
         let errors_um: Vec<f32> =
