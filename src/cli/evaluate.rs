@@ -10,7 +10,9 @@ use super::ensemble::Ensembles;
 use super::library::progress_bar;
 use super::recorded_runs;
 use super::{CliError, output, pair_file, plot};
-use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, RunOptions, Score, evaluate};
+use crate::evaluation::{
+    Case, CaseGroup, EvaluationSettings, LeftOutRun, NOMINAL, RunOptions, Score, evaluate,
+};
 use crate::library::{EnsembleSettings, VARIANTS};
 
 /// Groups of cases.
@@ -70,6 +72,12 @@ pub(super) struct EvaluateArgs {
     /// Score runs of this many ensemble members, each estimated with all other members
     #[arg(long, value_name = "MEMBERS", conflicts_with = "recorded")]
     leave_one_out: Option<usize>,
+    /// With --leave-one-out: number of records in which wear grows to 90 % of the library
+    #[arg(long, value_name = "RECORDS", default_value_t = 120, requires = "leave_one_out")]
+    wear_records: usize,
+    /// With --leave-one-out: the machines stay healthy
+    #[arg(long, requires = "leave_one_out")]
+    healthy: bool,
     /// With --recorded: skip this many records in the middle of each run
     #[arg(long, value_name = "RECORDS", default_value_t = 0, requires = "recorded")]
     gap: usize,
@@ -112,7 +120,8 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
                 2 * VARIANTS
             )));
         }
-        return recorded_runs::run_members(&ensemble, count, RunOptions::default());
+        let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };
+        return recorded_runs::run_members(&ensemble, count, plan);
     }
     if !args.recorded.is_empty() {
         let ensemble = || ensembles.of(&pair);

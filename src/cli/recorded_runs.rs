@@ -9,8 +9,8 @@ use serde::Deserialize;
 
 use super::{CliError, output};
 use crate::evaluation::{
-    Answer, HindsightScore, Observation, RecordedRun, RunOptions, RunScore, SingleIndicators, follow,
-    follow_together, leave_one_out, look_back, score_run, single_indicators,
+    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, SingleIndicators,
+    follow, follow_together, leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -109,14 +109,14 @@ pub(super) fn run(
 }
 
 /// Scores the estimate on runs of `count` ensemble members, each estimated without the member itself.
-pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: RunOptions) -> Result<(), CliError> {
+pub(super) fn run_members(ensemble: &Ensemble, count: usize, plan: LeftOutRun) -> Result<(), CliError> {
     output::print(&header())?;
-    let runs = leave_one_out(ensemble, count);
+    let runs = leave_one_out(ensemble, count, plan);
     let scores: Vec<RunScore> = runs
         .par_iter()
         .map(|(run, others)| {
-            let inspected_at = trial.inspection_um.map(|_| run.records.len() / 2);
-            score_run(&run.name, &follow(run, others, BASELINE, trial), BASELINE as usize, inspected_at)
+            let answers = follow(run, others, BASELINE, RunOptions::default());
+            score_run(&run.name, &answers, BASELINE as usize, None)
         })
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;

@@ -47,6 +47,17 @@ fn wear_is_tracked_and_faults_are_detected_and_named() {
     };
     let (error_um, covered, rank) = (number(0), number(3), number(5));
     assert!(error_um <= 10.0 && covered >= 0.85 && rank >= 0.98, "{table}");
+    // Members that are left out of the estimate, as machines that live for many records.
+    let left_out = |records: &str, further: &[&str]| -> f64 {
+        let words = ["evaluate", "--leave-one-out", "10", "--wear-records", records, "--data-dir", &data];
+        let output = flankwatch(&[&words[..], further].concat()).expect_success();
+        let table = output.out();
+        println!("{table}");
+        let last = table.lines().last().unwrap();
+        last.split("covered ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap()
+    };
+    assert!(left_out("960", &["--healthy"]) >= 0.95);
+    assert!(left_out("480", &[]) >= 0.8);
     flankwatch(&["evaluate", "--case", "sunshine"]).expect_failure(&["--case", "sunshine", "gain jump"]);
     flankwatch(&["evaluate", "--runs", "0"]).expect_failure(&["--runs is 0"]);
 }

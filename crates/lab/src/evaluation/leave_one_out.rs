@@ -12,8 +12,7 @@ use super::run::Observation;
 use flankwatch_signal::Features;
 use flankwatch_wear::library::{Ensemble, MESH_LINES};
 
-/// Records of a run, healthy records at its start, and the depth of the last one in parts of the greatest.
-const RECORDS: usize = 150;
+/// Healthy records at the start of a run, and the depth of the last one in parts of the greatest.
 const HEALTHY: usize = 30;
 const LAST_PART: f64 = 0.9;
 
@@ -24,29 +23,42 @@ const SCATTER: f64 = 0.12;
 /// Logarithm of the noise beside a healthy line over the line.
 const NOISE: f64 = -3.0;
 
+/// What happens in the runs of members that are left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LeftOutRun {
+    /// Records after the healthy ones at the start.
+    pub records: usize,
+    /// Whether wear grows linearly over them, to 90 % of the greatest depth.
+    pub is_worn: bool,
+}
+
 /// Returns runs of `count` evenly chosen members, each with the ensemble without the member's group.
-pub fn leave_one_out(ensemble: &Ensemble, count: usize) -> Vec<(RecordedRun, Arc<Ensemble>)> {
+pub fn leave_one_out(
+    ensemble: &Ensemble,
+    count: usize,
+    plan: LeftOutRun,
+) -> Vec<(RecordedRun, Arc<Ensemble>)> {
     let variants = ensemble.variants();
     let groups = ensemble.members().len() / variants;
     let count = count.min(groups.saturating_sub(1));
     let run = |index: usize| {
         let group = index * groups / count;
         let number = group * variants + index % variants;
-        let run = run_of(ensemble, number);
+        let run = run_of(ensemble, number, plan);
         (run, Arc::new(ensemble.without_group(group)))
     };
     (0..count).map(run).collect()
 }
 
-fn run_of(ensemble: &Ensemble, number: usize) -> RecordedRun {
+fn run_of(ensemble: &Ensemble, number: usize, plan: LeftOutRun) -> RecordedRun {
     let depths_um = ensemble.depths_um();
     let mut rng = ChaCha8Rng::seed_from_u64(number as u64);
     let normal = Normal::new(0.0, 1.0).expect("1 is a standard deviation");
     let path: Vec<f64> = (0..MESH_LINES).map(|_| PATH * normal.sample(&mut rng)).collect();
-    let greatest_um = ensemble.described().max_wear_um();
+    let last_um = if plan.is_worn { LAST_PART * ensemble.described().max_wear_um() } else { 0.0 };
     let mut record = |index: usize| {
-        let part = index.saturating_sub(HEALTHY) as f64 / (RECORDS - 1 - HEALTHY) as f64;
-        let wear_um = LAST_PART * greatest_um * part;
+        let part = index.saturating_sub(HEALTHY) as f64 / plan.records.max(2).saturating_sub(1) as f64;
+        let wear_um = last_um * part;
         let upper = depths_um.partition_point(|um| *um <= wear_um).clamp(1, depths_um.len() - 1);
         let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
         let mut features = Features::default();
@@ -62,5 +74,6 @@ fn run_of(ensemble: &Ensemble, number: usize) -> RecordedRun {
         }
         Observation { wear_um, features, single: [0.0; 3] }
     };
-    RecordedRun { name: format!("member {number}"), records: (0..RECORDS).map(&mut record).collect() }
+    let records = (0..HEALTHY + plan.records).map(&mut record).collect();
+    RecordedRun { name: format!("member {number}"), records }
 }

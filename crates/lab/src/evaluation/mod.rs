@@ -20,7 +20,7 @@ use rayon::prelude::*;
 pub use bank::{Bank, BankPlan};
 pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
-pub use leave_one_out::leave_one_out;
+pub use leave_one_out::{LeftOutRun, leave_one_out};
 pub use recorded::{
     Answer, HindsightScore, RecordedRun, RunOptions, RunScore, follow, follow_together, look_back, score_run,
 };

@@ -12,18 +12,19 @@ use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::exponential::exp;
-use super::growth::{Growth, Jumps, PRIOR, RATES};
+use super::growth::{Elapsed, Growth, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use crate::library::{DEPTHS, REPORTED, end_um};
 
 /// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
-const CARRIED: f32 = 0.032;
+const CARRIED: f32 = 0.026;
 
 /// Exponent of the newest record's likelihood in the answer.
-const ADDED: f32 = 0.12;
+const ADDED: f32 = 0.22;
 
-/// Probability per record that the filter restarts from the prior.
+/// Probability that the filter restarts from the prior, per unit of growth since the record before. It is
+/// largest for the first record after a unit or more.
 const FORGOTTEN: f32 = 0.003;
 
 /// Prior mean of the depth at the end of a new machine's baseline, in parts of the library's end.
@@ -118,22 +119,22 @@ impl Filter {
             && self.prior.len() == BLOCK
     }
 
-    /// Lets wear grow over `units`, then updates with one record.
+    /// Lets wear grow, then updates with one record.
     pub(super) fn update(
         &mut self,
         growth: &Growth,
-        units: f64,
-        jumps: Jumps,
+        elapsed: Elapsed,
         likelihood: &Likelihood,
     ) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
-        growth.advance(&mut self.prior, units, jumps);
+        growth.advance(&mut self.prior, elapsed);
         normalise(&mut self.prior);
+        let units = (elapsed.units as f32).min(1.0);
         let step = Step {
             growth,
-            units,
-            jumps,
-            carried: CARRIED * (units as f32).min(1.0),
+            elapsed,
+            carried: CARRIED * units,
+            forgotten: FORGOTTEN * units,
             prior: &self.prior,
             likelihood,
             cells: &mut cells,
@@ -153,7 +154,7 @@ impl Filter {
         let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
         for ((block, parts), weights) in groups.zip(weights) {
             let block = block.as_chunks_mut::<DEPTHS>().0;
-            weigh(block, &by_depth(block), parts, weights, |weight| weight);
+            weigh(block, &by_depth(block), parts, weights, FORGOTTEN, |weight| weight);
         }
         let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
@@ -204,10 +205,11 @@ impl Filter {
 /// The update with one record.
 struct Step<'a> {
     growth: &'a Growth,
-    units: f64,
-    jumps: Jumps,
+    elapsed: Elapsed,
     /// Exponent of the record's likelihood.
     carried: f32,
+    /// Probability of a restart.
+    forgotten: f32,
     prior: &'a [f32],
     likelihood: &'a Likelihood,
     cells: &'a mut [f32],
@@ -219,13 +221,13 @@ impl WithSimd for Step<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
-        let Self { growth, units, jumps, carried, prior, likelihood, cells, parts } = self;
-        growth.advance(cells, units, jumps);
+        let Self { growth, elapsed, carried, forgotten, prior, likelihood, cells, parts } = self;
+        growth.advance(cells, elapsed);
         let groups = cells.len() / BLOCK;
         let variants = parts.len() / groups;
         let mut joint = Vec::with_capacity(groups * DEPTHS);
         let mut by_rate = vec![0.0; BLOCK];
-        let (keep, restart) = ((1.0 - FORGOTTEN) / sum(cells), FORGOTTEN / groups as f32);
+        let (keep, restart) = ((1.0 - forgotten) / sum(cells), forgotten / groups as f32);
         let logs = rows(&likelihood.log).chunks_exact(variants);
         let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
         for ((block, parts), logs) in groups.zip(logs) {
@@ -239,7 +241,7 @@ impl WithSimd for Step<'_> {
             for (row, by_rate) in block.iter().zip(by_rate.as_chunks_mut::<DEPTHS>().0) {
                 (0..DEPTHS).for_each(|depth| by_rate[depth] += row[depth] * added[depth]);
             }
-            weigh(block, &depths, parts, logs, |log| exp(carried * log));
+            weigh(block, &depths, parts, logs, forgotten, |log| exp(carried * log));
         }
         normalise(&mut joint);
         normalise(&mut by_rate);
@@ -248,13 +250,14 @@ impl WithSimd for Step<'_> {
 }
 
 /// Multiplies a group's cells with weights by member and depth, and updates each member's part of the group.
-/// `depths` is the group's probability by depth.
+/// `depths` is the group's probability by depth. The part `forgotten` of what tells its members apart is lost.
 #[inline(always)]
 fn weigh(
     block: &mut [Row],
     depths: &Row,
     parts: &mut [f32],
     members: &[Row],
+    forgotten: f32,
     weight: impl Fn(f32) -> f32 + Copy,
 ) {
     let mut weights = [0.0; DEPTHS];
@@ -266,7 +269,7 @@ fn weigh(
     }
     normalise(parts);
     let even = 1.0 / parts.len() as f32;
-    parts.iter_mut().for_each(|part| *part += FORGOTTEN * (even - *part));
+    parts.iter_mut().for_each(|part| *part += forgotten * (even - *part));
     for row in block {
         (0..DEPTHS).for_each(|depth| row[depth] *= weights[depth]);
     }

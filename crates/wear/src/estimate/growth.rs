@@ -1,8 +1,8 @@
 //! Growth of wear: it never decreases, and its rate is part of the filter's state.
 //!
 //! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of
-//! growth is the load and the turns between two records of the baseline; the rate in µm per unit represents
-//! the coefficient.
+//! growth is the load and the turns between two records of the baseline, or a part of the machine's age
+//! ([`unit_length`]); the rate in µm per unit represents the coefficient.
 
 use crate::library::{DEPTHS, REPORTED, end_um};
 
@@ -21,8 +21,21 @@ pub(super) const RATES: usize = 5;
 /// Prior probabilities of the rates: most machines do not wear most of the time.
 pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 
-/// Probability per unit that the rate is redrawn from its prior.
+/// Probability per unit that the rate is redrawn from its prior, while wear grows ...
 const CHANGES: f64 = 0.05;
+
+/// ... and while it does not.
+const BEGINS: f64 = 0.025;
+
+/// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
+const YOUNG: f64 = 60.0;
+
+/// Returns the length of a unit of growth in intervals of the baseline, for a machine that has run for `age`
+/// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a unit
+/// is at least a 60th of its age.
+pub(super) fn unit_length(age: f64) -> f64 {
+    (age / YOUNG).max(1.0)
+}
 
 /// How likely wear jumps to any greater depth: a tooth was damaged, or the oil was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +57,16 @@ impl Jumps {
             Self::Indicated => 0.02,
         }
     }
+}
+
+/// What passes between two records.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Elapsed {
+    /// Units of growth.
+    pub(super) units: f64,
+    /// Factor by which a unit of growth becomes longer, at least 1.
+    pub(super) lengthening: f64,
+    pub(super) jumps: Jumps,
 }
 
 /// Longest interval in units that is computed at a constant rate.
@@ -70,9 +93,13 @@ impl Growth {
         Self { widths_um, least_um, rates_um: rates_um(depths_um) }
     }
 
-    /// Advances probabilities by rate and depth, in blocks of [`RATES`] × [`DEPTHS`], by `units` of growth.
+    /// Advances probabilities by rate and depth, in blocks of [`RATES`] × [`DEPTHS`], to the next record.
     #[inline(always)]
-    pub(super) fn advance(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
+    pub(super) fn advance(&self, blocks: &mut [f32], elapsed: Elapsed) {
+        let Elapsed { units, lengthening, jumps } = elapsed;
+        if lengthening > 1.0 {
+            self.lengthen_unit(blocks, lengthening);
+        }
         // The rate may change within a long interval.
         let parts = (units / MAX_PART).ceil().max(1.0);
         for _ in 0..parts as usize {
@@ -80,11 +107,32 @@ impl Growth {
         }
     }
 
+    /// Keeps the growth per time while a unit becomes longer by a factor: a part of each rate's probability
+    /// moves to the next higher rate.
+    #[inline(always)]
+    fn lengthen_unit(&self, blocks: &mut [f32], factor: f64) {
+        let ratio = |rate: usize| self.rates_um[rate + 1] / self.rates_um[rate];
+        for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
+            let (rows, _) = block.as_chunks_mut::<DEPTHS>();
+            // The first rate is that of no growth, and the last one has none above it.
+            for rate in (1..RATES - 1).rev() {
+                let part = (factor.ln() / ratio(rate).ln()).min(1.0) as f32;
+                for depth in 0..DEPTHS {
+                    let moved = part * rows[rate][depth];
+                    rows[rate][depth] -= moved;
+                    rows[rate + 1][depth] += moved;
+                }
+            }
+        }
+    }
+
     #[inline(always)]
     fn advance_part(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
         let moves = self.rates_um.map(|rate_um| self.moves(rate_um * units));
-        let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
-        let jumping = (1.0 - (1.0 - jumps.per_unit()).powf(units)) as f32;
+        let within = |per_unit: f64| (1.0 - (1.0 - per_unit).powf(units)) as f32;
+        let mut redrawn = [within(CHANGES); RATES];
+        redrawn[0] = within(BEGINS);
+        let jumping = within(jumps.per_unit());
         for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
             let (rows, _) = block.as_chunks_mut::<DEPTHS>();
             for (row, (steps, moving)) in rows.iter_mut().zip(&moves) {
@@ -92,12 +140,12 @@ impl Growth {
             }
             self.jump(rows, jumping);
             let mut total = [0.0_f32; DEPTHS];
-            for row in &*rows {
-                (0..DEPTHS).for_each(|depth| total[depth] += row[depth]);
+            for (row, part) in rows.iter().zip(redrawn) {
+                (0..DEPTHS).for_each(|depth| total[depth] += part * row[depth]);
             }
-            for (row, prior) in rows.iter_mut().zip(PRIOR) {
+            for ((row, part), prior) in rows.iter_mut().zip(redrawn).zip(PRIOR) {
                 for depth in 0..DEPTHS {
-                    row[depth] += drawn_anew * (prior * total[depth] - row[depth]);
+                    row[depth] += prior * total[depth] - part * row[depth];
                 }
             }
         }
@@ -154,6 +202,10 @@ fn step(row: &mut [f32; DEPTHS], moving: &[f32; DEPTHS]) {
 mod tests {
     use super::*;
 
+    fn units(units: f64) -> Elapsed {
+        Elapsed { units, lengthening: 1.0, jumps: Jumps::Rare }
+    }
+
     fn grid() -> Vec<f64> {
         (0..DEPTHS).map(|i| 5.0 * i as f64).collect()
     }
@@ -166,7 +218,7 @@ mod tests {
             block[rate * DEPTHS + 10] = *prior;
         }
         for _ in 0..30 {
-            growth.advance(&mut block, 1.0, Jumps::Rare);
+            growth.advance(&mut block, units(1.0));
         }
         assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
         let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
@@ -185,6 +237,39 @@ mod tests {
     }
 
     #[test]
+    fn a_unit_lengthens_with_the_age() {
+        assert_eq!([0.0, 60.0, 90.0, 6000.0].map(unit_length), [1.0, 1.0, 1.5, 100.0]);
+    }
+
+    #[test]
+    fn growth_per_time_stays_while_a_unit_becomes_longer() {
+        let growth = Growth::on(&grid());
+        let mut block = vec![0.0_f32; RATES * DEPTHS];
+        block[2 * DEPTHS] = 1.0;
+        let log_rate = |block: &[f32]| -> f64 {
+            let of = |rate: usize| f64::from(block[rate * DEPTHS..(rate + 1) * DEPTHS].iter().sum::<f32>());
+            (1..RATES).map(|rate| of(rate) * growth.rates_um[rate].ln()).sum()
+        };
+        let before = log_rate(&block);
+        growth.lengthen_unit(&mut block, 1.2);
+        growth.lengthen_unit(&mut block, 1.25);
+        assert!((log_rate(&block) - before - 1.5_f64.ln()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn standing_wear_begins_less_often_than_growing_wear_changes() {
+        let growth = Growth::on(&grid());
+        let left = |rate: usize| {
+            let mut block = vec![0.0_f32; RATES * DEPTHS];
+            block[rate * DEPTHS] = 1.0;
+            growth.advance(&mut block, units(1.0));
+            1.0 - block[rate * DEPTHS..(rate + 1) * DEPTHS].iter().sum::<f32>()
+        };
+        assert!((left(0) - 0.025 * 0.7).abs() < 1e-3, "{}", left(0));
+        assert!((left(3) - 0.05 * 0.8).abs() < 1e-3, "{}", left(3));
+    }
+
+    #[test]
     fn a_long_interval_reaches_at_least_as_far_as_many_short_ones() {
         let growth = Growth::on(&grid());
         let start = || {
@@ -193,8 +278,8 @@ mod tests {
             block
         };
         let (mut long, mut short) = (start(), start());
-        growth.advance(&mut long, 20.0, Jumps::Rare);
-        (0..20).for_each(|_| growth.advance(&mut short, 1.0, Jumps::Rare));
+        growth.advance(&mut long, units(20.0));
+        (0..20).for_each(|_| growth.advance(&mut short, units(1.0)));
         let mean = |block: &[f32]| -> f64 {
             let depths = grid();
             block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()

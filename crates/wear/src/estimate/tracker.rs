@@ -176,4 +176,6 @@ mod event_tests;
 #[cfg(test)]
 mod load_tests;
 #[cfg(test)]
+mod long_life_tests;
+#[cfg(test)]
 mod tests;

@@ -17,7 +17,7 @@ use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::{Filter, JointPosterior};
-use crate::estimate::growth::Jumps;
+use crate::estimate::growth::{Elapsed, Jumps, unit_length};
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::healthy_lines::MeasuredLines;
 use crate::estimate::levels::{Levels, is_impulsive};
@@ -32,9 +32,9 @@ use flankwatch_signal::Features;
 /// Fewest lines that a comparison needs.
 const MIN_LINES: usize = 3;
 
-/// Longest interval between two records in units of growth: whether the machine ran during a longer gap is
-/// not known.
-const MAX_UNITS: f64 = 100.0;
+/// Longest interval between two records, in intervals of the baseline: whether the machine ran during a longer
+/// gap is not known.
+const MAX_INTERVALS: f64 = 100.0;
 
 /// Weight of the newest record in the moving mean of the lines that an inspection is compared with.
 const NEWEST_PART: f32 = 0.3;
@@ -42,9 +42,10 @@ const NEWEST_PART: f32 = 0.3;
 /// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
 
-/// Records in a row whose own best depth is greater than the interval before jumps of the wear count as
-/// likely.
+/// Records in a row whose own best depth is greater than this quantile before jumps of the wear count as likely,
+/// and a machine as young.
 const MIN_DEEPER: u8 = 3;
+const DEEPER: f64 = 0.9;
 
 /// A gap is an interval this many times as long as the mean interval between records.
 const GAP: f64 = 5.0;
@@ -66,8 +67,11 @@ const SUDDEN: &str = "the lines changed suddenly, which a change of load may hav
 pub(super) struct Tracking {
     /// Shared with the states after it.
     baseline: Arc<Baseline>,
-    /// Unit of growth: mean time between two records of the baseline, in seconds.
+    /// Mean time between two records of the baseline, in seconds: the first unit of growth.
     unit_s: f64,
+    /// Age of the machine in these intervals, since the baseline or since wear was last deeper than expected.
+    #[serde(default)]
+    age: f64,
     /// Time of the newest record that updated the filter.
     pub(super) newest: Timestamp,
     /// Time of the newest record that was compared with the library.
@@ -81,7 +85,7 @@ pub(super) struct Tracking {
     recent: Vec<Option<f32>>,
     /// Number of records in a row whose own best depth lies outside the interval.
     disagreeing: u8,
-    /// Number of records in a row whose own best depth is greater than the interval.
+    /// Number of records in a row whose own best depth is greater than nearly all of the probability.
     #[serde(default)]
     deeper: u8,
     /// Moving mean of the time between records that update the filter, in seconds.
@@ -106,10 +110,10 @@ impl Tracking {
         &self.baseline
     }
 
-    /// Returns the units of growth from one time to another.
-    fn units(&self, from: Timestamp, to: Timestamp) -> f64 {
+    /// Returns the mean intervals of the baseline from one time to another.
+    fn intervals(&self, from: Timestamp, to: Timestamp) -> f64 {
         if self.unit_s > 0.0 {
-            (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_UNITS)
+            (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_INTERVALS)
         } else {
             1.0
         }
@@ -173,6 +177,7 @@ impl Tracker {
         Tracking {
             baseline: Arc::new(Baseline::of(records)),
             unit_s,
+            age: 0.0,
             newest: ended,
             seen: ended,
             drift: Drift::default(),
@@ -271,7 +276,7 @@ impl Tracker {
         let likelihood = Likelihood::of(&expectations);
         let lines = expectations.deviations(likelihood.best);
         let line_spread = measured.line_spread();
-        let unseen = tracking.units(tracking.seen, at).max(1.0);
+        let unseen = tracking.intervals(tracking.seen, at).max(1.0);
         tracking.seen = at.max(tracking.seen);
         let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(line_spread, unseen));
         let drift = tracking.drift.after(line_spread, unseen, &checks);
@@ -322,8 +327,8 @@ impl Tracker {
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
-            answer.prognosis =
-                prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, tracking.unit_s);
+            let unit_s = tracking.unit_s * unit_length(tracking.age);
+            answer.prognosis = prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, unit_s);
             answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
         }
         answer.novelty = Some(novelty);
@@ -396,8 +401,18 @@ impl Tracker {
         likelihood: &Likelihood,
     ) -> JointPosterior {
         let members = likelihood.log.len() / DEPTHS;
-        let units = tracking.units(tracking.newest, at);
+        let intervals = tracking.intervals(tracking.newest, at);
         let jumps = tracking.jumps_before(at);
+        if jumps == Jumps::Indicated {
+            tracking.age = 0.0;
+        }
+        let unit = unit_length(tracking.age);
+        tracking.age += intervals;
+        let elapsed = Elapsed {
+            units: intervals / unit * measured.load,
+            lengthening: unit_length(tracking.age) / unit,
+            jumps,
+        };
         tracking.newest = at.max(tracking.newest);
         for line in &measured.lines {
             let recent = &mut tracking.recent[line.index];
@@ -406,15 +421,15 @@ impl Tracker {
         }
         let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
-        let posterior = filter.update(&self.growth, units * measured.load, jumps, likelihood);
+        let posterior = filter.update(&self.growth, elapsed, likelihood);
         // In a gap wear may grow as well as the load may change.
         if jumps == Jumps::InGap {
             tracking.sudden.restart();
         }
         tracking.sudden.add(measured, &posterior.by_depth());
         // Of the filter itself: hindsight changes the answer, and must not change the filter.
-        let high_um = self.grid.quantile_um(&posterior.by_depth(), 0.95);
-        let is_deeper = self.grid.reported_um(likelihood.best.1) > high_um;
+        let most_um = self.grid.quantile_um(&posterior.by_depth(), DEEPER);
+        let is_deeper = self.grid.reported_um(likelihood.best.1) > most_um;
         tracking.deeper = counted(tracking.deeper, is_deeper);
         posterior
     }
