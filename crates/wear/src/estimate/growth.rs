@@ -117,10 +117,11 @@ impl Growth {
             // The first rate is that of no growth, and the last one has none above it.
             for rate in (1..RATES - 1).rev() {
                 let part = (factor.ln() / ratio(rate).ln()).min(1.0) as f32;
-                for depth in 0..DEPTHS {
-                    let moved = part * rows[rate][depth];
-                    rows[rate][depth] -= moved;
-                    rows[rate + 1][depth] += moved;
+                let (lower, higher) = rows.split_at_mut(rate + 1);
+                for (from, to) in lower[rate].iter_mut().zip(&mut higher[0]) {
+                    let moved = part * *from;
+                    *from -= moved;
+                    *to += moved;
                 }
             }
         }
