@@ -15,6 +15,9 @@ use crate::evaluation::{
 };
 use crate::library::{EnsembleSettings, VARIANTS};
 
+/// Most records in a run of a member that is left out; all runs are in memory.
+const MAX_LEFT_OUT_RECORDS: usize = 20_000;
+
 /// Groups of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Cases {
@@ -118,6 +121,12 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
                 "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
                 args.members,
                 2 * VARIANTS
+            )));
+        }
+        if !(2..=MAX_LEFT_OUT_RECORDS).contains(&args.wear_records) {
+            return Err(CliError::Argument(format!(
+                "--wear-records is {}, expected 2 to {MAX_LEFT_OUT_RECORDS}",
+                args.wear_records
             )));
         }
         let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };

@@ -59,5 +59,7 @@ fn wear_is_tracked_and_faults_are_detected_and_named() {
     assert!(left_out("960", &["--healthy"]) >= 0.95);
     assert!(left_out("480", &[]) >= 0.8);
     flankwatch(&["evaluate", "--case", "sunshine"]).expect_failure(&["--case", "sunshine", "gain jump"]);
+    flankwatch(&["evaluate", "--leave-one-out", "1", "--wear-records", "1", "--data-dir", &data])
+        .expect_failure(&["--wear-records is 1", "2 to 20000"]);
     flankwatch(&["evaluate", "--runs", "0"]).expect_failure(&["--runs is 0"]);
 }

@@ -26,7 +26,7 @@ const NOISE: f64 = -3.0;
 /// What happens in the runs of members that are left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LeftOutRun {
-    /// Records after the healthy ones at the start.
+    /// Records after the healthy ones at the start, at least 2.
     pub records: usize,
     /// Whether wear grows linearly over them, to 90 % of the greatest depth.
     pub is_worn: bool,
@@ -57,7 +57,7 @@ fn run_of(ensemble: &Ensemble, number: usize, plan: LeftOutRun) -> RecordedRun {
     let path: Vec<f64> = (0..MESH_LINES).map(|_| PATH * normal.sample(&mut rng)).collect();
     let last_um = if plan.is_worn { LAST_PART * ensemble.described().max_wear_um() } else { 0.0 };
     let mut record = |index: usize| {
-        let part = index.saturating_sub(HEALTHY) as f64 / plan.records.max(2).saturating_sub(1) as f64;
+        let part = index.saturating_sub(HEALTHY) as f64 / (plan.records - 1) as f64;
         let wear_um = last_um * part;
         let upper = depths_um.partition_point(|um| *um <= wear_um).clamp(1, depths_um.len() - 1);
         let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
