@@ -21,7 +21,7 @@ use crate::library::{DEPTHS, REPORTED, end_um};
 const CARRIED: f32 = 0.026;
 
 /// Exponent of the newest record's likelihood in the answer.
-const ADDED: f32 = 0.22;
+const ADDED: f32 = 0.28;
 
 /// Probability that the filter restarts from the prior, per unit of growth since the record before. It is
 /// largest for the first record after a unit or more.

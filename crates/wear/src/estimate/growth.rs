@@ -2,7 +2,7 @@
 //!
 //! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of
 //! growth is the load and the turns between two records of the baseline, or a part of the machine's age
-//! ([`unit_length`]); the rate in µm per unit represents the coefficient.
+//! (`growth_clock.rs`); the rate in µm per unit represents the coefficient.
 
 use crate::library::{DEPTHS, REPORTED, end_um};
 
@@ -21,21 +21,8 @@ pub(super) const RATES: usize = 5;
 /// Prior probabilities of the rates: most machines do not wear most of the time.
 pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 
-/// Probability per unit that the rate is redrawn from its prior, while wear grows ...
-const CHANGES: f64 = 0.05;
-
-/// ... and while it does not.
-const BEGINS: f64 = 0.025;
-
-/// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
-const YOUNG: f64 = 60.0;
-
-/// Returns the length of a unit of growth in intervals of the baseline, for a machine that has run for `age`
-/// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a unit
-/// is at least a 60th of its age.
-pub(super) fn unit_length(age: f64) -> f64 {
-    (age / YOUNG).max(1.0)
-}
+/// Probability per unit that the rate is redrawn from its prior.
+const CHANGES: f64 = 0.025;
 
 /// How likely wear jumps to any greater depth: a tooth was damaged, or the oil was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,8 +118,7 @@ impl Growth {
     fn advance_part(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
         let moves = self.rates_um.map(|rate_um| self.moves(rate_um * units));
         let within = |per_unit: f64| (1.0 - (1.0 - per_unit).powf(units)) as f32;
-        let mut redrawn = [within(CHANGES); RATES];
-        redrawn[0] = within(BEGINS);
+        let redrawn = within(CHANGES);
         let jumping = within(jumps.per_unit());
         for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
             let (rows, _) = block.as_chunks_mut::<DEPTHS>();
@@ -141,12 +127,12 @@ impl Growth {
             }
             self.jump(rows, jumping);
             let mut total = [0.0_f32; DEPTHS];
-            for (row, part) in rows.iter().zip(redrawn) {
-                (0..DEPTHS).for_each(|depth| total[depth] += part * row[depth]);
+            for row in rows.iter() {
+                (0..DEPTHS).for_each(|depth| total[depth] += redrawn * row[depth]);
             }
-            for ((row, part), prior) in rows.iter_mut().zip(redrawn).zip(PRIOR) {
+            for (row, prior) in rows.iter_mut().zip(PRIOR) {
                 for depth in 0..DEPTHS {
-                    row[depth] += prior * total[depth] - part * row[depth];
+                    row[depth] += prior * total[depth] - redrawn * row[depth];
                 }
             }
         }
@@ -238,11 +224,6 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_lengthens_with_the_age() {
-        assert_eq!([0.0, 60.0, 90.0, 6000.0].map(unit_length), [1.0, 1.0, 1.5, 100.0]);
-    }
-
-    #[test]
     fn growth_per_time_stays_while_a_unit_becomes_longer() {
         let growth = Growth::on(&grid());
         let mut block = vec![0.0_f32; RATES * DEPTHS];
@@ -258,16 +239,13 @@ mod tests {
     }
 
     #[test]
-    fn standing_wear_begins_less_often_than_growing_wear_changes() {
+    fn a_rate_changes_to_those_of_the_prior() {
         let growth = Growth::on(&grid());
-        let left = |rate: usize| {
-            let mut block = vec![0.0_f32; RATES * DEPTHS];
-            block[rate * DEPTHS] = 1.0;
-            growth.advance(&mut block, units(1.0));
-            1.0 - block[rate * DEPTHS..(rate + 1) * DEPTHS].iter().sum::<f32>()
-        };
-        assert!((left(0) - 0.025 * 0.7).abs() < 1e-3, "{}", left(0));
-        assert!((left(3) - 0.05 * 0.8).abs() < 1e-3, "{}", left(3));
+        let mut block = vec![0.0_f32; RATES * DEPTHS];
+        block[0] = 1.0;
+        growth.advance(&mut block, units(1.0));
+        let left: f32 = block[..DEPTHS].iter().sum();
+        assert!((1.0 - left - 0.025 * 0.7).abs() < 1e-3, "{left}");
     }
 
     #[test]

@@ -359,7 +359,7 @@ fn an_unexplained_record_leaves_the_filter_unchanged() {
         features
     };
     let filter = |state: &TrackerState| match &state.0 {
-        Stage::Tracking(tracking) => (tracking.filter.clone(), tracking.newest),
+        Stage::Tracking(tracking) => (tracking.filter.clone(), tracking.clock.clone()),
         Stage::Collecting { .. } => panic!("the baseline is complete"),
     };
     let mut take = |state: &mut TrackerState, shift: f64| {

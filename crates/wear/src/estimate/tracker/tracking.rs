@@ -17,41 +17,30 @@ use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::{Filter, JointPosterior};
-use crate::estimate::growth::{Elapsed, Jumps, unit_length};
+use crate::estimate::growth::Jumps;
+use crate::estimate::growth_clock::{GrowthClock, Signs};
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::healthy_lines::MeasuredLines;
 use crate::estimate::levels::{Levels, is_impulsive};
 use crate::estimate::likelihood::Likelihood;
+use crate::estimate::line_motion::LineMotion;
 use crate::estimate::novelty::{Novelty, RecordContext, SensorFault, judge};
 use crate::estimate::prognosis::prognosis;
 use crate::estimate::sudden_change::SuddenChange;
 use crate::estimate::wear::{WearEstimate, WearStatus};
-use crate::library::{DEPTHS, Ensemble, MESH_LINES};
+use crate::library::{DEPTHS, Ensemble};
 use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison needs.
 const MIN_LINES: usize = 3;
 
-/// Longest interval between two records, in intervals of the baseline: whether the machine ran during a longer
-/// gap is not known.
-const MAX_INTERVALS: f64 = 100.0;
-
-/// Weight of the newest record in the moving mean of the lines that an inspection is compared with.
-const NEWEST_PART: f32 = 0.3;
-
 /// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
 
-/// Records in a row whose own best depth is greater than this quantile before jumps of the wear count as likely,
-/// and a machine as young.
+/// Records in a row whose own best depth is greater than this quantile before wear counts as deeper than
+/// expected.
 const MIN_DEEPER: u8 = 3;
 const DEEPER: f64 = 0.9;
-
-/// A gap is an interval this many times as long as the mean interval between records.
-const GAP: f64 = 5.0;
-
-/// Weight of the newest interval in that mean.
-const NEWEST_INTERVAL: f64 = 0.2;
 
 /// Probability that a load moved the lines, where they moved as load moves them or all at once.
 const LOAD_INSTEAD: f32 = 0.2;
@@ -67,13 +56,7 @@ const SUDDEN: &str = "the lines changed suddenly, which a change of load may hav
 pub(super) struct Tracking {
     /// Shared with the states after it.
     baseline: Arc<Baseline>,
-    /// Mean time between two records of the baseline, in seconds: the first unit of growth.
-    unit_s: f64,
-    /// Age of the machine in these intervals, since the baseline or since wear was last deeper than expected.
-    #[serde(default)]
-    age: f64,
-    /// Time of the newest record that updated the filter.
-    pub(super) newest: Timestamp,
+    pub(super) clock: GrowthClock,
     /// Time of the newest record that was compared with the library.
     seen: Timestamp,
     drift: Drift,
@@ -81,16 +64,11 @@ pub(super) struct Tracking {
     /// By member, the index of the depth at which the baseline was taken; `None` for a new machine.
     reference: Option<Vec<u8>>,
     anchor: Option<Anchor>,
-    /// Moving mean of each line's change over the last records.
-    recent: Vec<Option<f32>>,
+    motion: LineMotion,
     /// Number of records in a row whose own best depth lies outside the interval.
     disagreeing: u8,
     /// Number of records in a row whose own best depth is greater than nearly all of the probability.
-    #[serde(default)]
     deeper: u8,
-    /// Moving mean of the time between records that update the filter, in seconds.
-    #[serde(default)]
-    interval_s: f64,
     #[serde(default, rename = "charts")]
     cusums: Cusums,
     #[serde(default)]
@@ -108,31 +86,6 @@ impl Tracking {
     #[cfg(test)]
     pub(super) fn baseline(&self) -> &Arc<Baseline> {
         &self.baseline
-    }
-
-    /// Returns the mean intervals of the baseline from one time to another.
-    fn intervals(&self, from: Timestamp, to: Timestamp) -> f64 {
-        if self.unit_s > 0.0 {
-            (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_INTERVALS)
-        } else {
-            1.0
-        }
-    }
-
-    /// Returns how likely wear jumped before a record at this time, which becomes the newest one.
-    fn jumps_before(&mut self, at: Timestamp) -> Jumps {
-        let interval_s = at.duration_since(self.newest).as_secs_f64().max(0.0);
-        let usual_s = if self.interval_s > 0.0 { self.interval_s } else { interval_s };
-        let is_gap = interval_s > GAP * usual_s;
-        // One gap, however long, does not make the next one usual.
-        self.interval_s = usual_s + NEWEST_INTERVAL * (interval_s.min(GAP * usual_s) - usual_s);
-        if self.deeper >= MIN_DEEPER {
-            Jumps::Indicated
-        } else if is_gap {
-            Jumps::InGap
-        } else {
-            Jumps::Rare
-        }
     }
 
     /// Judges a record by its deviations of lines and checks; `gain_sensitive` are the values that a gain
@@ -171,23 +124,20 @@ impl Tracker {
         carried: Option<Filter>,
     ) -> Tracking {
         let intervals = records.len().saturating_sub(1).max(1) as f64;
-        let unit_s = ended.duration_since(began).as_secs_f64().max(0.0) / intervals;
+        let interval_s = ended.duration_since(began).as_secs_f64().max(0.0) / intervals;
         let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
         let filter = carried.filter(|filter| filter.fits(members, self.variants()));
         Tracking {
             baseline: Arc::new(Baseline::of(records)),
-            unit_s,
-            age: 0.0,
-            newest: ended,
+            clock: GrowthClock::start(ended, interval_s),
             seen: ended,
             drift: Drift::default(),
             reference: filter.as_ref().map(Filter::mean_depths),
             filter,
             anchor: None,
-            recent: vec![None; MESH_LINES],
+            motion: LineMotion::default(),
             disagreeing: 0,
             deeper: 0,
-            interval_s: unit_s,
             cusums: Cusums::default(),
             levels: Levels::default(),
             sudden: SuddenChange::default(),
@@ -225,7 +175,7 @@ impl Tracker {
         filter.inspect(&likelihood);
         tracking.anchor = Some(Anchor {
             depths: Anchor::depths_at(ensemble, inspection.depth_um, gear, inspection.place),
-            changes: tracking.recent.clone(),
+            changes: tracking.motion.last().to_vec(),
         });
         tracking.disagreeing = 0;
         tracking.sudden.restart();
@@ -276,7 +226,7 @@ impl Tracker {
         let likelihood = Likelihood::of(&expectations);
         let lines = expectations.deviations(likelihood.best);
         let line_spread = measured.line_spread();
-        let unseen = tracking.intervals(tracking.seen, at).max(1.0);
+        let unseen = tracking.clock.intervals(tracking.seen, at).max(1.0);
         tracking.seen = at.max(tracking.seen);
         let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(line_spread, unseen));
         let drift = tracking.drift.after(line_spread, unseen, &checks);
@@ -327,7 +277,7 @@ impl Tracker {
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
-            let unit_s = tracking.unit_s * unit_length(tracking.age);
+            let unit_s = tracking.clock.unit_s();
             answer.prognosis = prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, unit_s);
             answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
         }
@@ -401,29 +351,14 @@ impl Tracker {
         likelihood: &Likelihood,
     ) -> JointPosterior {
         let members = likelihood.log.len() / DEPTHS;
-        let intervals = tracking.intervals(tracking.newest, at);
-        let jumps = tracking.jumps_before(at);
-        if jumps == Jumps::Indicated {
-            tracking.age = 0.0;
-        }
-        let unit = unit_length(tracking.age);
-        tracking.age += intervals;
-        let elapsed = Elapsed {
-            units: intervals / unit * measured.load,
-            lengthening: unit_length(tracking.age) / unit,
-            jumps,
-        };
-        tracking.newest = at.max(tracking.newest);
-        for line in &measured.lines {
-            let recent = &mut tracking.recent[line.index];
-            let change = line.change as f32;
-            *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
-        }
+        tracking.motion.add(measured);
+        let signs = Signs { deeper: tracking.deeper >= MIN_DEEPER, moving: tracking.motion.is_moving() };
+        let elapsed = tracking.clock.advance(at, measured.load, signs);
         let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
         let posterior = filter.update(&self.growth, elapsed, likelihood);
         // In a gap wear may grow as well as the load may change.
-        if jumps == Jumps::InGap {
+        if elapsed.jumps == Jumps::InGap {
             tracking.sudden.restart();
         }
         tracking.sudden.add(measured, &posterior.by_depth());

@@ -1,0 +1,159 @@
+//! The time between records in units of growth.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::growth::{Elapsed, Jumps};
+
+/// Longest interval between two records, in intervals of the baseline: whether the machine ran during a longer
+/// gap is not known.
+const MAX_INTERVALS: f64 = 100.0;
+
+/// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
+const YOUNG: f64 = 25.0;
+
+/// A gap is an interval this many times as long as the mean interval between records.
+const GAP: f64 = 5.0;
+
+/// Weight of the newest interval in that mean.
+const NEWEST_INTERVAL: f64 = 0.2;
+
+/// What the records before show of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Signs {
+    /// Several records in a row are best explained by greater depths than the interval holds.
+    pub(super) deeper: bool,
+    /// The mesh lines move now.
+    pub(super) moving: bool,
+}
+
+/// The clock of one channel, which starts at the end of its baseline.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct GrowthClock {
+    /// Mean time between two records of the baseline, in seconds: the first unit of growth.
+    interval_s: f64,
+    /// Age of the machine in these intervals, since the baseline or since wear was last deeper than expected.
+    age: f64,
+    /// Time of the newest record.
+    newest: Timestamp,
+    /// Moving mean of the time between two records, in seconds.
+    usual_s: f64,
+}
+
+impl GrowthClock {
+    /// Starts the clock at the end of a baseline whose records have a mean distance of `interval_s` seconds.
+    pub(super) fn start(ended: Timestamp, interval_s: f64) -> Self {
+        Self { interval_s, age: 0.0, newest: ended, usual_s: interval_s }
+    }
+
+    /// Returns the intervals of the baseline from one time to another.
+    pub(super) fn intervals(&self, from: Timestamp, to: Timestamp) -> f64 {
+        if self.interval_s > 0.0 {
+            (to.duration_since(from).as_secs_f64() / self.interval_s).clamp(0.0, MAX_INTERVALS)
+        } else {
+            1.0
+        }
+    }
+
+    /// Returns what passes up to a record at this time, under a mean load relative to that of the baseline.
+    ///
+    /// Where wear is deeper than expected and the lines move, the machine is as young as at its baseline.
+    pub(super) fn advance(&mut self, at: Timestamp, load: f64, signs: Signs) -> Elapsed {
+        let intervals = self.intervals(self.newest, at);
+        let is_gap = self.is_after_gap(at);
+        if signs.deeper && signs.moving {
+            self.age = 0.0;
+        }
+        let unit = unit_length(self.age);
+        self.age += intervals;
+        self.newest = at.max(self.newest);
+        Elapsed {
+            units: intervals / unit * load,
+            lengthening: unit_length(self.age) / unit,
+            jumps: match signs.deeper {
+                true => Jumps::Indicated,
+                false if is_gap => Jumps::InGap,
+                false => Jumps::Rare,
+            },
+        }
+    }
+
+    /// Length of a unit of growth in seconds.
+    pub(super) fn unit_s(&self) -> f64 {
+        self.interval_s * unit_length(self.age)
+    }
+
+    /// Whether records are missing before one at this time, whose interval enters the mean.
+    fn is_after_gap(&mut self, at: Timestamp) -> bool {
+        let interval_s = at.duration_since(self.newest).as_secs_f64().max(0.0);
+        let usual_s = if self.usual_s > 0.0 { self.usual_s } else { interval_s };
+        // One gap, however long, does not make the next one usual.
+        self.usual_s = usual_s + NEWEST_INTERVAL * (interval_s.min(GAP * usual_s) - usual_s);
+        interval_s > GAP * usual_s
+    }
+}
+
+/// Returns the length of a unit of growth in intervals of the baseline, for a machine that has run for `age`
+/// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a unit
+/// is at least a 25th of its age.
+fn unit_length(age: f64) -> f64 {
+    (age / YOUNG).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::SignedDuration;
+
+    use super::*;
+
+    const EXPECTED: Signs = Signs { deeper: false, moving: false };
+
+    fn at(hours: i64) -> Timestamp {
+        Timestamp::UNIX_EPOCH + SignedDuration::from_hours(hours)
+    }
+
+    /// A clock after hourly records for 1000 hours.
+    fn old() -> GrowthClock {
+        let mut clock = GrowthClock::start(at(0), 3600.0);
+        for hour in 1..=1000 {
+            clock.advance(at(hour), 1.0, EXPECTED);
+        }
+        clock
+    }
+
+    #[test]
+    fn a_unit_lengthens_with_the_age() {
+        assert_eq!([0.0, 25.0, 50.0, 2500.0].map(unit_length), [1.0, 1.0, 2.0, 100.0]);
+        let mut clock = old();
+        assert_eq!(clock.unit_s(), 40.0 * 3600.0);
+        let elapsed = clock.advance(at(1020), 1.5, EXPECTED);
+        assert!((elapsed.units - 0.75).abs() < 1e-12 && (elapsed.lengthening - 1.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_machine_is_young_again_if_wear_is_deeper_than_expected_and_the_lines_move() {
+        let length_after = |deeper, moving| {
+            let mut clock = old();
+            clock.advance(at(1001), 1.0, Signs { deeper, moving });
+            clock.unit_s() / 3600.0
+        };
+        assert_eq!(length_after(true, true), 1.0);
+        assert!(length_after(true, false) > 40.0 && length_after(false, true) > 40.0);
+    }
+
+    #[test]
+    fn wear_may_jump_in_a_gap_and_where_records_show_it() {
+        let jumps = |hour, signs| old().advance(at(hour), 1.0, signs).jumps;
+        assert_eq!(jumps(1005, EXPECTED), Jumps::Rare);
+        assert_eq!(jumps(1006, EXPECTED), Jumps::InGap);
+        assert_eq!(jumps(1006, Signs { deeper: true, moving: false }), Jumps::Indicated);
+    }
+
+    #[test]
+    fn a_gap_counts_at_most_a_hundred_intervals() {
+        let mut clock = GrowthClock::start(at(0), 3600.0);
+        assert_eq!(clock.advance(at(5000), 1.0, EXPECTED).units, 100.0);
+        // Records whose times are all the same are one interval apart.
+        assert_eq!(GrowthClock::start(at(0), 0.0).advance(at(0), 1.0, EXPECTED).units, 1.0);
+    }
+}
