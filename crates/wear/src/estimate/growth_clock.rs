@@ -12,6 +12,10 @@ const MAX_INTERVALS: f64 = 100.0;
 /// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
 const YOUNG: f64 = 25.0;
 
+/// Part of its age that a machine keeps at an inspection: growth since then is a question that the records before
+/// it say little of, and the errors of the ensemble's members are known anew.
+const AFTER_INSPECTION: f64 = 0.5;
+
 /// A gap is an interval this many times as long as the mean interval between records.
 const GAP: f64 = 5.0;
 
@@ -32,7 +36,7 @@ pub(super) struct Signs {
 pub(super) struct GrowthClock {
     /// Mean time between two records of the baseline, in seconds: the first unit of growth.
     interval_s: f64,
-    /// Age of the machine in these intervals, since the baseline or since wear was last deeper than expected.
+    /// Age of the machine in these intervals, since the baseline or since fast wear began; an inspection lowers it.
     age: f64,
     /// Time of the newest record.
     newest: Timestamp,
@@ -76,6 +80,11 @@ impl GrowthClock {
                 false => Jumps::Rare,
             },
         }
+    }
+
+    /// Takes an inspection into account.
+    pub(super) fn inspect(&mut self) {
+        self.age *= AFTER_INSPECTION;
     }
 
     /// Length of a unit of growth in seconds.
@@ -139,6 +148,13 @@ mod tests {
         };
         assert_eq!(length_after(true, true), 1.0);
         assert!(length_after(true, false) > 40.0 && length_after(false, true) > 40.0);
+    }
+
+    #[test]
+    fn an_inspection_halves_the_unit() {
+        let mut clock = old();
+        clock.inspect();
+        assert_eq!(clock.unit_s(), 20.0 * 3600.0);
     }
 
     #[test]

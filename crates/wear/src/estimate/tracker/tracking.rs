@@ -178,6 +178,7 @@ impl Tracker {
             changes: tracking.motion.last().to_vec(),
         });
         tracking.disagreeing = 0;
+        tracking.clock.inspect();
         tracking.sudden.restart();
     }
 
