@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 
 use super::growth::{Elapsed, Jumps};
 
-/// Longest interval between two records, in intervals of the baseline: whether the machine ran during a longer
-/// gap is not known.
+/// Longest interval between two records, in intervals of the baseline: whether the machine ran during a
+/// longer gap is not known.
 const MAX_INTERVALS: f64 = 100.0;
 
 /// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
 const YOUNG: f64 = 25.0;
 
-/// Part of its age that a machine keeps at an inspection: growth since then is a question that the records before
-/// it say little of, and the errors of the ensemble's members are known anew.
+/// Part of its age that a machine keeps at an inspection. In the units of its whole age, the depth after an
+/// inspection would follow the wear too late.
 const AFTER_INSPECTION: f64 = 0.5;
 
 /// A gap is an interval this many times as long as the mean interval between records.
@@ -36,7 +36,8 @@ pub(super) struct Signs {
 pub(super) struct GrowthClock {
     /// Mean time between two records of the baseline, in seconds: the first unit of growth.
     interval_s: f64,
-    /// Age of the machine in these intervals, since the baseline or since fast wear began; an inspection lowers it.
+    /// Age of the machine in these intervals, since the baseline or since fast wear began. An inspection lowers
+    /// it.
     age: f64,
     /// Time of the newest record.
     newest: Timestamp,
@@ -64,7 +65,7 @@ impl GrowthClock {
     /// Where wear is deeper than expected and the lines move, the machine is as young as at its baseline.
     pub(super) fn advance(&mut self, at: Timestamp, load: f64, signs: Signs) -> Elapsed {
         let intervals = self.intervals(self.newest, at);
-        let is_gap = self.is_after_gap(at);
+        let is_gap = self.add_interval(at);
         if signs.deeper && signs.moving {
             self.age = 0.0;
         }
@@ -74,15 +75,17 @@ impl GrowthClock {
         Elapsed {
             units: intervals / unit * load,
             lengthening: unit_length(self.age) / unit,
-            jumps: match signs.deeper {
-                true => Jumps::Indicated,
-                false if is_gap => Jumps::InGap,
-                false => Jumps::Rare,
+            jumps: if signs.deeper {
+                Jumps::Indicated
+            } else if is_gap {
+                Jumps::InGap
+            } else {
+                Jumps::Rare
             },
         }
     }
 
-    /// Takes an inspection into account.
+    /// Shortens the unit of growth at an inspection.
     pub(super) fn inspect(&mut self) {
         self.age *= AFTER_INSPECTION;
     }
@@ -92,8 +95,8 @@ impl GrowthClock {
         self.interval_s * unit_length(self.age)
     }
 
-    /// Whether records are missing before one at this time, whose interval enters the mean.
-    fn is_after_gap(&mut self, at: Timestamp) -> bool {
+    /// Adds the interval before a record at this time to the mean. Returns whether it is a gap.
+    fn add_interval(&mut self, at: Timestamp) -> bool {
         let interval_s = at.duration_since(self.newest).as_secs_f64().max(0.0);
         let usual_s = if self.usual_s > 0.0 { self.usual_s } else { interval_s };
         // One gap, however long, does not make the next one usual.
@@ -103,8 +106,8 @@ impl GrowthClock {
 }
 
 /// Returns the length of a unit of growth in intervals of the baseline, for a machine that has run for `age`
-/// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a unit
-/// is at least a 25th of its age.
+/// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a
+/// unit is at least a 25th of its age.
 fn unit_length(age: f64) -> f64 {
     (age / YOUNG).max(1.0)
 }

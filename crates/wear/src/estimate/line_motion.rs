@@ -9,8 +9,8 @@ use crate::library::MESH_LINES;
 const LAST_PART: f32 = 0.3;
 const MORE_PART: f32 = 0.05;
 
-/// Distance of the two means, as a root mean square in standard deviations of a record, from which on the lines
-/// move. It is about 0.3 while they stand still.
+/// Distance of the two means, as a root mean square in standard deviations of a record, from which on the
+/// lines move. It is about 0.3 while they stand still.
 const MOVING: f64 = 2.5;
 
 /// Moving means of each line's change since the baseline.
@@ -20,18 +20,17 @@ pub(super) struct LineMotion {
     last: Vec<Option<f32>>,
     /// Over more records.
     more: Vec<f32>,
-    is_moving: bool,
 }
 
 impl Default for LineMotion {
     fn default() -> Self {
-        Self { last: vec![None; MESH_LINES], more: vec![0.0; MESH_LINES], is_moving: false }
+        Self { last: vec![None; MESH_LINES], more: vec![0.0; MESH_LINES] }
     }
 }
 
 impl LineMotion {
-    /// Adds a record.
-    pub(super) fn add(&mut self, record: &MeasuredLines) {
+    /// Adds a record, and returns whether the lines move.
+    pub(super) fn add(&mut self, record: &MeasuredLines) -> bool {
         let mut squares = 0.0;
         for line in &record.lines {
             let change = line.change as f32;
@@ -42,12 +41,7 @@ impl LineMotion {
             *more += MORE_PART * (change - *more);
         }
         let mean_square = squares / record.lines.len().max(1) as f64;
-        self.is_moving = mean_square > MOVING * MOVING;
-    }
-
-    /// Whether the lines move.
-    pub(super) fn is_moving(&self) -> bool {
-        self.is_moving
+        mean_square > MOVING * MOVING
     }
 
     /// Each line's mean change over the last records; `None` for lines not seen.
@@ -80,8 +74,7 @@ mod tests {
                 floor: -9.0,
             };
             let lines = (0..8).map(&mut line).collect();
-            motion.add(&MeasuredLines { lines, load: 1.0 });
-            motion.is_moving()
+            motion.add(&MeasuredLines { lines, load: 1.0 })
         };
         (0..300).filter(|record| add(*record)).count()
     }

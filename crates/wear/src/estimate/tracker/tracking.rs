@@ -352,8 +352,8 @@ impl Tracker {
         likelihood: &Likelihood,
     ) -> JointPosterior {
         let members = likelihood.log.len() / DEPTHS;
-        tracking.motion.add(measured);
-        let signs = Signs { deeper: tracking.deeper >= MIN_DEEPER, moving: tracking.motion.is_moving() };
+        let moving = tracking.motion.add(measured);
+        let signs = Signs { deeper: tracking.deeper >= MIN_DEEPER, moving };
         let elapsed = tracking.clock.advance(at, measured.load, signs);
         let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
