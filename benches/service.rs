@@ -3,7 +3,7 @@
 //! Without a name all but `memory` run, which takes two hours.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
-//! files. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
+//! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
 //! `target/bench`.
 
 mod driven;
@@ -181,6 +181,12 @@ fn new_asset() {
     );
 }
 
+/// Runs the same GET request over concurrent connections; returns the total seconds and the sorted latencies.
+fn requests(service: &Service, connections: usize, count: usize, path: &str) -> (f64, Vec<f64>) {
+    let get = format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n");
+    load(service, connections, count, None, |_, stream| assert_eq!(exchange(stream, &get, b""), 200))
+}
+
 /// Uploads short records to an asset, as MCAP files of 10 000; returns the seconds.
 fn fill(service: &Service, asset: &str, records: i64) -> f64 {
     let began = Instant::now();
@@ -207,14 +213,15 @@ fn polling() {
         "filling: {records} records of 256 samples in {seconds:.1} s = {:.2} ms each",
         1e3 * seconds / records as f64
     );
-    let get = "GET /v1/assets/pump/wear HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (seconds, times) =
-        load(&service, 8, 10_000, None, |_, stream| assert_eq!(exchange(stream, get, b""), 200));
+    let (alone, _) = requests(&service, 8, 10_000, "/healthz");
+    let (seconds, times) = requests(&service, 8, 10_000, "/v1/assets/pump/wear");
     println!(
-        "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms",
+        "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms; GET /healthz {:.0} a second: ratio {:.1}",
         10_000.0 / seconds,
         1e3 * quantile(&times, 0.5),
-        1e3 * quantile(&times, 0.99)
+        1e3 * quantile(&times, 0.99),
+        10_000.0 / alone,
+        seconds / alone
     );
     // Killed and restarted, once the history is stored as columns.
     std::thread::sleep(STORED_AS_COLUMNS);
@@ -222,15 +229,16 @@ fn polling() {
     fs::rename(&service.folder, &kept).expect("the folder moves");
     drop(service);
     let service = Service::start(&kept);
-    let trend =
-        "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (_, first) = load(&service, 1, 1, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
-    let (_, times) = load(&service, 1, 200, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
+    let trend = "/v1/assets/pump/indicators?names=rms&max_points=1000";
+    let (_, first) = requests(&service, 1, 1, trend);
+    let (_, times) = requests(&service, 1, 200, trend);
+    let (_, alone) = requests(&service, 1, 200, "/healthz");
     println!(
-        "trend of {records} points reduced to 1000: p50 {:.2} ms, p99 {:.2} ms; the first one after a start {:.0} ms",
+        "trend of {records} points reduced to 1000: p50 {:.2} ms, p99 {:.2} ms; the first one after a start {:.0} ms; GET /healthz p50 {:.2} ms",
         1e3 * quantile(&times, 0.5),
         1e3 * quantile(&times, 0.99),
-        1e3 * first[0]
+        1e3 * first[0],
+        1e3 * quantile(&alone, 0.5)
     );
 }
 
@@ -274,6 +282,11 @@ fn growth() {
     }
 }
 
+/// Median latency of a GET request over one connection.
+fn median_ms(service: &Service, count: usize, path: &str) -> f64 {
+    1e3 * quantile(&requests(service, 1, count, path).1, 0.5)
+}
+
 /// Cost by number of assets, in steps of ten; each has the same gear pair and one record.
 fn fleet() {
     let max: usize =
@@ -281,7 +294,10 @@ fn fleet() {
     let mut assets = 100;
     while assets <= max {
         let folder = folder(&format!("fleet-{assets}"));
+        let began = Instant::now();
         let service = Service::start(&folder);
+        median_ms(&service, 1, "/healthz");
+        let started_empty = began.elapsed().as_secs_f64();
         service.get("/v1/assets");
         let idle_mb = service.used().0;
         service.make_asset("first");
@@ -306,12 +322,7 @@ fn fleet() {
             let path = format!("/v1/assets/a{n:06}/segments");
             request(stream, "POST", &path, "application/x-protobuf", &body, 201);
         });
-        let median_ms = |service: &Service, times: usize, path: &str| {
-            let (_, times) = load(service, 1, times, None, |_, stream| {
-                request(stream, "GET", path, "text/plain", b"", 200)
-            });
-            1e3 * quantile(&times, 0.5)
-        };
+        let alone = median_ms(&service, 200, "/healthz");
         let page = median_ms(&service, 20, "/v1/assets?limit=100");
         let wear = median_ms(&service, 200, "/v1/assets/a000050/wear");
         let metrics = median_ms(&service, 5, "/metrics");
@@ -327,11 +338,12 @@ fn fleet() {
         median_ms(&service, 1, "/v1/assets/a000050/wear");
         let started = began.elapsed().as_secs_f64();
         println!(
-            "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, page of 100 {page:.1} ms, GET wear {wear:.2} ms, \
-             metrics {metrics:.1} ms, those of all machines {machines:.0} ms, with two indicators {of_two:.0} ms, {memory_mb:.0} MB at most ({idle_mb:.0} MB without assets), start until the first answer {:.0} ms",
+            "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, page of 100 {page:.1} ms, GET wear {wear:.2} ms, GET /healthz {alone:.2} ms, \
+             metrics {metrics:.1} ms, those of all machines {machines:.0} ms, with two indicators {of_two:.0} ms, {memory_mb:.0} MB at most ({idle_mb:.0} MB without assets), start until the first answer {:.0} ms, of an empty folder {:.0} ms",
             1e3 * made / assets as f64,
             1e3 * stored / assets as f64,
-            1e3 * started
+            1e3 * started,
+            1e3 * started_empty
         );
         drop(service);
         assets *= 10;
