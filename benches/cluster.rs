@@ -7,6 +7,7 @@
 //! from `/proc` if they run on this machine. `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers (`1,2,4`),
 //! `FLANKWATCH_BENCH_AT_ONCE` the records that each processes at the same time.
 
+#[expect(dead_code, reason = "other benches use more of it")]
 mod driven;
 
 use std::fs;

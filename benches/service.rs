@@ -3,11 +3,13 @@
 //! Without a name all but `memory` run, which takes two hours.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
-//! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
+//! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. What is read from a
+//! filled folder is measured after each of five starts; the result is the median, with the range. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
 //! `target/bench`.
 
 mod driven;
 
+use std::fmt;
 use std::fs::{self, File};
 use std::io::{BufReader, Write};
 use std::net::TcpStream;
@@ -20,6 +22,9 @@ use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block
 
 /// Time after which an unchanged history is stored as columns.
 const STORED_AS_COLUMNS: Duration = Duration::from_secs(20);
+
+/// Number of starts on a filled folder, each with all measurements.
+const STARTS: usize = 5;
 
 /// Bytes of a record of 10 s.
 const RECORD_BYTES: usize = 4 * SAMPLES;
@@ -67,6 +72,23 @@ fn plain(folder: &Path, count: usize, bytes: &[u8]) -> f64 {
 
 fn quantile(sorted: &[f64], level: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * level) as usize]
+}
+
+/// Results of several runs, printed as their median and range with one decimal.
+struct Runs(Vec<f64>);
+
+impl fmt::Display for Runs {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut sorted = self.0.clone();
+        sorted.sort_by(f64::total_cmp);
+        let of = |level| quantile(&sorted, level);
+        write!(to, "{:.1} ({:.1} to {:.1})", of(0.5), of(0.0), of(1.0))
+    }
+}
+
+/// Turns results by run into runs by result.
+fn by_result<const N: usize>(runs: &[[f64; N]]) -> [Runs; N] {
+    std::array::from_fn(|result| Runs(runs.iter().map(|run| run[result]).collect()))
 }
 
 /// Resets the peak resident memory.
@@ -204,42 +226,40 @@ fn fill(service: &Service, asset: &str, records: i64) -> f64 {
 
 /// Requests of dashboards, with an asset of many records.
 fn polling() {
+    const POLLS: usize = 10_000;
     let records: i64 =
         std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
-    let service = Service::start(&folder("polling"));
+    let mut service = Service::start(&folder("polling"));
     service.make_asset("pump");
     let seconds = fill(&service, "pump", records);
     println!(
         "filling: {records} records of 256 samples in {seconds:.1} s = {:.2} ms each",
         1e3 * seconds / records as f64
     );
-    let (alone, _) = requests(&service, 8, 10_000, "/healthz");
-    let (seconds, times) = requests(&service, 8, 10_000, "/v1/assets/pump/wear");
-    println!(
-        "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms; GET /healthz {:.0} a second: ratio {:.1}",
-        10_000.0 / seconds,
-        1e3 * quantile(&times, 0.5),
-        1e3 * quantile(&times, 0.99),
-        10_000.0 / alone,
-        seconds / alone
-    );
-    // Killed and restarted, once the history is stored as columns.
     std::thread::sleep(STORED_AS_COLUMNS);
-    let kept = service.folder.with_extension("kept");
-    fs::rename(&service.folder, &kept).expect("the folder moves");
-    drop(service);
-    let service = Service::start(&kept);
-    let trend = "/v1/assets/pump/indicators?names=rms&max_points=1000";
-    let (_, first) = requests(&service, 1, 1, trend);
-    let (_, times) = requests(&service, 1, 200, trend);
-    let (_, alone) = requests(&service, 1, 200, "/healthz");
+    let run = |_| {
+        service.restart();
+        let trend = "/v1/assets/pump/indicators?names=rms&max_points=1000";
+        let (_, first) = requests(&service, 1, 1, trend);
+        let (_, trends) = requests(&service, 1, 200, trend);
+        let (alone, _) = requests(&service, 8, POLLS, "/healthz");
+        let (seconds, times) = requests(&service, 8, POLLS, "/v1/assets/pump/wear");
+        [
+            1e3 * first[0],
+            1e3 * quantile(&trends, 0.5),
+            POLLS as f64 / seconds,
+            1e3 * quantile(&times, 0.99),
+            POLLS as f64 / alone,
+            median_ms(&service, 200, "/healthz"),
+        ]
+    };
+    let runs: Vec<_> = (0..STARTS).map(run).collect();
+    let [first, trend, polls, slow, alone, health] = by_result(&runs);
     println!(
-        "trend of {records} points reduced to 1000: p50 {:.2} ms, p99 {:.2} ms; the first one after a start {:.0} ms; GET /healthz p50 {:.2} ms",
-        1e3 * quantile(&times, 0.5),
-        1e3 * quantile(&times, 0.99),
-        1e3 * first[0],
-        1e3 * quantile(&alone, 0.5)
+        "trend of {records} points reduced to 1000, in ms: {trend}; the first one after a start: {first}"
     );
+    println!("GET wear a second over 8 connections: {polls}, p99 in ms: {slow}");
+    println!("reference: GET /healthz a second over 8 connections: {alone}; over one, in ms: {health}");
 }
 
 /// Cost by number of records, in steps of ten.
@@ -249,7 +269,7 @@ fn growth() {
     let mut records = 1000;
     while records <= max {
         let folder = folder(&format!("growth-{records}"));
-        let service = Service::start(&folder);
+        let mut service = Service::start(&folder);
         service.make_asset("pump");
         let filled = fill(&service, "pump", records);
         let one = Instant::now();
@@ -261,12 +281,8 @@ fn growth() {
         service.post("/v1/assets/pump/segments", "application/x-protobuf", &body);
         let late = one.elapsed().as_secs_f64();
         let database = fs::metadata(folder.join("flankwatch.db")).map_or(0, |metadata| metadata.len());
-        // Killed and restarted on the same folder.
-        let kept = folder.with_extension("kept");
-        fs::rename(&folder, &kept).expect("the folder moves");
-        drop(service);
         let began = Instant::now();
-        let service = Service::start(&kept);
+        service.restart();
         let started = began.elapsed().as_secs_f64();
         println!(
             "growth: {records} records: {:.3} ms each to store, {:.1} ms to append one, {:.1} ms for one before all others, \
@@ -287,6 +303,14 @@ fn median_ms(service: &Service, count: usize, path: &str) -> f64 {
     1e3 * quantile(&requests(service, 1, count, path).1, 0.5)
 }
 
+/// Kills the service, starts it again, and waits for its answer to a GET request.
+fn restart_ms(service: &mut Service, path: &str) -> f64 {
+    let began = Instant::now();
+    service.restart();
+    requests(service, 1, 1, path);
+    1e3 * began.elapsed().as_secs_f64()
+}
+
 /// Cost by number of assets, in steps of ten; each has the same gear pair and one record.
 fn fleet() {
     let max: usize =
@@ -294,12 +318,13 @@ fn fleet() {
     let mut assets = 100;
     while assets <= max {
         let folder = folder(&format!("fleet-{assets}"));
-        let began = Instant::now();
-        let service = Service::start(&folder);
-        median_ms(&service, 1, "/healthz");
-        let started_empty = began.elapsed().as_secs_f64();
-        service.get("/v1/assets");
-        let idle_mb = service.used().0;
+        let mut service = Service::start(&folder);
+        let empty = |_| {
+            let started = restart_ms(&mut service, "/healthz");
+            service.get("/v1/assets");
+            [started, service.used().0]
+        };
+        let empty: Vec<_> = (0..STARTS).map(empty).collect();
         service.make_asset("first");
         let request = |stream: &mut BufReader<TcpStream>,
                        method: &str,
@@ -322,29 +347,33 @@ fn fleet() {
             let path = format!("/v1/assets/a{n:06}/segments");
             request(stream, "POST", &path, "application/x-protobuf", &body, 201);
         });
-        let alone = median_ms(&service, 200, "/healthz");
-        let page = median_ms(&service, 20, "/v1/assets?limit=100");
-        let wear = median_ms(&service, 200, "/v1/assets/a000050/wear");
-        let metrics = median_ms(&service, 5, "/metrics");
-        let machines = median_ms(&service, 3, "/metrics/machines");
-        let of_two = median_ms(&service, 3, "/metrics/machines?indicators=rms,kurtosis");
-        let memory_mb = service.used().0;
-        // Killed and restarted on the same folder.
-        let kept = folder.with_extension("kept");
-        fs::rename(&folder, &kept).expect("the folder moves");
-        drop(service);
-        let began = Instant::now();
-        let service = Service::start(&kept);
-        median_ms(&service, 1, "/v1/assets/a000050/wear");
-        let started = began.elapsed().as_secs_f64();
+        let filled_mb = service.used().0;
         println!(
-            "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, page of 100 {page:.1} ms, GET wear {wear:.2} ms, GET /healthz {alone:.2} ms, \
-             metrics {metrics:.1} ms, those of all machines {machines:.0} ms, with two indicators {of_two:.0} ms, {memory_mb:.0} MB at most ({idle_mb:.0} MB without assets), start until the first answer {:.0} ms, of an empty folder {:.0} ms",
+            "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, {filled_mb:.0} MB at most",
             1e3 * made / assets as f64,
-            1e3 * stored / assets as f64,
-            1e3 * started,
-            1e3 * started_empty
+            1e3 * stored / assets as f64
         );
+        let run = |_| {
+            let wear = "/v1/assets/a000050/wear";
+            [
+                restart_ms(&mut service, wear),
+                median_ms(&service, 20, "/v1/assets?limit=100"),
+                median_ms(&service, 200, wear),
+                median_ms(&service, 5, "/metrics"),
+                median_ms(&service, 3, "/metrics/machines"),
+                median_ms(&service, 3, "/metrics/machines?indicators=rms,kurtosis"),
+                service.used().0,
+                median_ms(&service, 200, "/healthz"),
+            ]
+        };
+        let runs: Vec<_> = (0..STARTS).map(run).collect();
+        let [started, page, wear, metrics, machines, of_two, memory_mb, health] = by_result(&runs);
+        println!("start until the first answer in ms: {started}; memory in MB: {memory_mb}");
+        println!("in ms: page of 100 {page}; GET wear {wear}; metrics {metrics}");
+        println!("in ms: metrics of all machines {machines}; with two indicators {of_two}");
+        let [started, memory_mb] = by_result(&empty);
+        println!("reference: GET /healthz in ms: {health}");
+        println!("reference: without assets, start in ms: {started}; memory in MB: {memory_mb}");
         drop(service);
         assets *= 10;
     }

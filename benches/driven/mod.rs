@@ -16,6 +16,9 @@ use serde_json::{Value, json};
 
 /// The binary.
 pub(crate) const BINARY: &str = env!("CARGO_BIN_EXE_flankwatch");
+/// Arguments of a single machine.
+const SERVE: [&str; 3] = ["serve", "--listen", "127.0.0.1:0"];
+
 const RATE_HZ: f64 = 20_000.0;
 
 /// Samples of a record of 10 s.
@@ -31,28 +34,18 @@ pub(crate) struct Service {
 
 impl Service {
     pub(crate) fn start(folder: &Path) -> Self {
-        Self::start_as(&["serve", "--listen", "127.0.0.1:0"], folder)
+        Self::start_as(&SERVE, folder)
     }
 
-    /// Starts with these arguments and a folder; the first line of output has the address.
+    /// Kills the service, and starts it again on its folder.
+    pub(crate) fn restart(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        (self.child, self.address) = spawn(&SERVE, &self.folder);
+    }
+
     pub(crate) fn start_as(arguments: &[&str], folder: &Path) -> Self {
-        // Another version, for comparison.
-        let program = std::env::var_os("FLANKWATCH_BENCH_PROGRAM").unwrap_or_else(|| BINARY.into());
-        let mut child = Command::new(program)
-            .args(arguments)
-            .arg("--data-dir")
-            .arg(folder)
-            .env("FLANKWATCH_LOG", "warn")
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the release binary starts");
-        let mut line = String::new();
-        let mut out = BufReader::new(child.stdout.take().expect("its output is piped"));
-        while !line.contains("http://") {
-            line.clear();
-            assert!(out.read_line(&mut line).expect("it speaks") > 0, "the service did not start");
-        }
-        let address = line.split("http://").nth(1).unwrap_or_default().trim().to_owned();
+        let (child, address) = spawn(arguments, folder);
         let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(600))).build();
         Self { child, address, folder: folder.to_owned(), agent: agent.into() }
     }
@@ -102,6 +95,29 @@ impl Service {
             |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
         (self.memory_mb("VmHWM"), ticks(11), ticks(12))
     }
+}
+
+/// Starts the program with these arguments and a folder. Returns it with its address, which is in its first line
+/// of output.
+fn spawn(arguments: &[&str], folder: &Path) -> (Child, String) {
+    // Another version, for comparison.
+    let program = std::env::var_os("FLANKWATCH_BENCH_PROGRAM").unwrap_or_else(|| BINARY.into());
+    let mut child = Command::new(program)
+        .args(arguments)
+        .arg("--data-dir")
+        .arg(folder)
+        .env("FLANKWATCH_LOG", "warn")
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the release binary starts");
+    let mut line = String::new();
+    let mut out = BufReader::new(child.stdout.take().expect("its output is piped"));
+    while !line.contains("http://") {
+        line.clear();
+        assert!(out.read_line(&mut line).expect("it speaks") > 0, "the service did not start");
+    }
+    let address = line.split("http://").nth(1).unwrap_or_default().trim().to_owned();
+    (child, address)
 }
 
 /// Reads a response to its end.
