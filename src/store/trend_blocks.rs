@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use futures_util::TryStreamExt;
 use prost::Message;
 use sqlx::{Any, Transaction};
 
@@ -152,20 +153,22 @@ pub(super) async fn load(
     channel: &ChannelSummary,
     trend: &mut Trend,
 ) -> Result<(), StoreError> {
-    let rows = sqlx::query(
+    // Each block is decoded while the database reads the next one.
+    let mut rows = sqlx::query(
         "SELECT number, columns FROM trend_blocks WHERE channel_no = $1 AND revision >= $2 AND format = $3 ORDER BY number",
     )
     .bind(channel.channel_no)
     .bind(channel.rewritten_revision)
     .bind(FORMAT)
-    .fetch_all(&mut **snapshot)
-    .await?;
-    for (expected, row) in (0..).zip(&rows) {
-        let number: i64 = get(row, "number")?;
+    .fetch(&mut **snapshot);
+    let mut expected = 0;
+    while let Some(row) = rows.try_next().await? {
+        let number: i64 = get(&row, "number")?;
         // An unreadable block, and those after it, are read from the rows.
-        let block = Block::decode(get::<Vec<u8>>(row, "columns")?.as_slice()).ok().filter(Block::is_whole);
+        let block = Block::decode(get::<&[u8]>(&row, "columns")?).ok().filter(Block::is_whole);
         let Some(block) = block.filter(|_| number == expected) else { break };
         block.append_to(trend)?;
+        expected += 1;
     }
     Ok(())
 }
