@@ -3,9 +3,9 @@
 //! Without a name all but `memory` run, which takes two hours.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
-//! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. What is read from a
-//! filled folder is measured after each of five starts; the result is the median, with the range. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
-//! `target/bench`.
+//! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. What is read
+//! from a filled folder is measured after each of five starts; the result is the median, with the range. The
+//! recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into `target/bench`.
 
 mod driven;
 
@@ -326,26 +326,20 @@ fn fleet() {
         };
         let empty: Vec<_> = (0..STARTS).map(empty).collect();
         service.make_asset("first");
-        let request = |stream: &mut BufReader<TcpStream>,
-                       method: &str,
-                       path: &str,
-                       media_type: &str,
-                       body: &[u8],
-                       expected: u16| {
+        let post = |stream: &mut BufReader<TcpStream>, path: &str, media_type: &str, body: &[u8]| {
             let head = format!(
-                "{method} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
+                "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
                 body.len()
             );
-            assert_eq!(exchange(stream, &head, body), expected, "{method} {path}");
+            assert_eq!(exchange(stream, &head, body), 201, "POST {path}");
         };
         let (made, _) = load(&service, 8, assets, None, |n, stream| {
             let body = described(&format!("a{n:06}")).to_string();
-            request(stream, "POST", "/v1/assets", "application/json", body.as_bytes(), 201);
+            post(stream, "/v1/assets", "application/json", body.as_bytes());
         });
         let (stored, _) = load(&service, 8, assets, None, |n, stream| {
             let body = encode_block(&record(n as i64, 256), BlockEncoding::Protobuf);
-            let path = format!("/v1/assets/a{n:06}/segments");
-            request(stream, "POST", &path, "application/x-protobuf", &body, 201);
+            post(stream, &format!("/v1/assets/a{n:06}/segments"), "application/x-protobuf", &body);
         });
         let filled_mb = service.used().0;
         println!(

@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 
 /// The binary.
 pub(crate) const BINARY: &str = env!("CARGO_BIN_EXE_flankwatch");
+
 /// Arguments of a single machine.
 const SERVE: [&str; 3] = ["serve", "--listen", "127.0.0.1:0"];
 
@@ -44,6 +45,7 @@ impl Service {
         (self.child, self.address) = spawn(&SERVE, &self.folder);
     }
 
+    /// Starts with these arguments and a folder.
     pub(crate) fn start_as(arguments: &[&str], folder: &Path) -> Self {
         let (child, address) = spawn(arguments, folder);
         let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(600))).build();
@@ -97,8 +99,8 @@ impl Service {
     }
 }
 
-/// Starts the program with these arguments and a folder. Returns it with its address, which is in its first line
-/// of output.
+/// Starts the program with these arguments and a folder. Returns it with its address, which is in its first
+/// line of output.
 fn spawn(arguments: &[&str], folder: &Path) -> (Child, String) {
     // Another version, for comparison.
     let program = std::env::var_os("FLANKWATCH_BENCH_PROGRAM").unwrap_or_else(|| BINARY.into());
