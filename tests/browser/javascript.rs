@@ -1,7 +1,11 @@
-//! The dashboard's modules, type-checked by the TypeScript compiler against the API description.
+//! The dashboard's modules, type-checked by the TypeScript compiler against the API description, and Plotly.js,
+//! compared with the published package.
 
+use std::fs;
 use std::path::Path;
 use std::process::Command;
+
+use flankwatch::http::plotly_js;
 
 use crate::running::Service;
 use flankwatch_test_support::needed;
@@ -14,15 +18,25 @@ fn the_dashboards_modules_type_check_against_the_api() {
     needed(tools.join("tsc").exists().then_some(()), "`npm install` in tests/browser");
     // Path of the types in tsconfig.json.
     let types = folder.join("node_modules/.api");
-    std::fs::create_dir_all(&types).unwrap();
+    fs::create_dir_all(&types).unwrap();
     let service = Service::start();
-    std::fs::write(types.join("openapi.json"), service.get("/openapi.json").expect(200).bytes).unwrap();
+    fs::write(types.join("openapi.json"), service.get("/openapi.json").expect(200).bytes).unwrap();
     run(
         &folder,
         "openapi-typescript",
         &["node_modules/.api/openapi.json", "-o", "node_modules/.api/api.d.ts"],
     );
     run(&folder, "tsc", &["-p", "."]);
+}
+
+#[test]
+#[ignore = "needs npm install in tests/browser"]
+fn plotly_is_the_published_bundle() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser/node_modules");
+    let package = folder.join("plotly.js-cartesian-dist-min");
+    needed(package.exists().then_some(()), "`npm install` in tests/browser");
+    let published = fs::read_to_string(package.join("plotly-cartesian.min.js")).unwrap();
+    assert!(plotly_js() == published, "src/http/plotly differs from the package");
 }
 
 #[track_caller]
