@@ -1,5 +1,5 @@
-//! Plotly.js, with which the dashboard and the pages of the commands draw: its bundle for plane plots, as its
-//! authors publish it.
+//! Plotly.js, with which the dashboard and the pages of the commands draw: the published bundle for Cartesian
+//! plots.
 
 use std::io::Read;
 
