@@ -69,7 +69,8 @@ pub(super) struct EvaluateArgs {
     /// Score recorded runs instead of simulated ones: folders of WAV files with a truth.csv
     ///
     /// Each WAV file is a record, in order of file names; truth.csv has a column wear_um with one row per
-    /// file. Channels are scored individually and together.
+    /// file. `flankwatch simulate --out RUN.wav` writes such a folder. Channels are scored individually and
+    /// together.
     #[arg(long, num_args = 1.., value_name = "FOLDER")]
     recorded: Vec<PathBuf>,
     /// Score runs of this many ensemble members, each estimated with all other members

@@ -22,7 +22,7 @@ const BATCH: u32 = 8;
 /// Arguments of `flankwatch simulate`.
 #[derive(Args)]
 pub(super) struct SimulateArgs {
-    /// Output: an MCAP file (`RUN.mcap`), or a folder with a WAV file per record (`RUN.wav`)
+    /// Output: an MCAP file (`RUN.mcap`), or a folder with a WAV file per record and a truth.csv (`RUN.wav`)
     #[arg(long)]
     out: PathBuf,
     /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
@@ -166,7 +166,7 @@ fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result
         bar.inc(1);
         Ok(())
     })?;
-    output::write_file(&args.out.join("reference_wear.csv"), truth.as_bytes())
+    output::write_file(&args.out.join("truth.csv"), truth.as_bytes())
 }
 
 fn write_wav(path: &Path, record: &Record) -> Result<(), CliError> {

@@ -272,8 +272,19 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
     let velocity = from_mcap[2]["indicators"].as_object_mut().unwrap().remove("velocity_rms");
     assert!(velocity.is_some() && from_wav[0]["absent"]["velocity_rms"].is_string());
     assert_eq!(from_wav[0]["indicators"], from_mcap[2]["indicators"]);
-    let truth = fs::read_to_string(format!("{wav}/reference_wear.csv")).unwrap();
+    let truth = fs::read_to_string(format!("{wav}/truth.csv")).unwrap();
     assert!(truth.lines().nth(3).unwrap().ends_with(",245"), "{truth}");
+}
+
+#[test]
+fn a_simulated_run_is_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, data) = (path(&folder, "run.wav"), path(&folder, "data"));
+    flankwatch(&["simulate", "--out", &run, "--records", "24", "--seconds", "0.5"]).expect_success();
+    let scores = flankwatch(&["evaluate", "--recorded", &run, "--members", "8", "--data-dir", &data]);
+    let table = scores.expect_success().out();
+    let row = table.lines().find(|line| line.starts_with("run.wav")).expect(&table);
+    assert!(row.contains("/4 "), "four records follow the baseline: {row}");
 }
 
 #[test]
