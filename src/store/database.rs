@@ -4,7 +4,7 @@ use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
 use sqlx::any::AnyPoolOptions;
-use sqlx::{AnyConnection, AnyPool, Connection, Executor};
+use sqlx::{AnyConnection, AnyPool, Connection, Executor, SqliteConnection};
 
 use super::StoreError;
 use super::integrity::{self, Damage};
@@ -166,9 +166,9 @@ async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
 /// minute, and then hide the cause of a failure.
 async fn check(path: &Path, url: &str) -> Result<Damage, StoreError> {
     let named = |error| integrity::named(path, error);
-    let mut connection = AnyConnection::connect(url).await.map_err(named)?;
+    let mut connection = SqliteConnection::connect(url).await.map_err(named)?;
     integrity::check_schema(&mut connection).await.map_err(named)?;
-    prepare(&mut connection).await.map_err(named)?;
+    connection.execute(PRAGMAS).await.map_err(named)?;
     integrity::check_pages(path, connection).await
 }
 

@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use sqlx::{AnyConnection, Connection, Row};
+use sqlx::{Connection, Executor, Row, SqliteConnection};
 
 use super::StoreError;
 use super::database::sqlite_url;
@@ -14,6 +14,15 @@ use super::objects::file_error;
 
 /// How long a start waits for the check of the pages, which then continues in the background.
 const LOOKED_AT_FOR: Duration = Duration::from_millis(300);
+
+/// Pages between two rests of a check in the background.
+const PAGES_WITHOUT_REST: i32 = 64;
+
+/// How much longer a check in the background rests than it works: requests need the processor more.
+const REST: u32 = 3;
+
+/// Longest rest of a check in the background, if a disk stood still before it.
+const MAX_REST: Duration = Duration::from_millis(100);
 
 /// The first bytes of an SQLite database.
 const HEADER: &[u8; 16] = b"SQLite format 3\0";
@@ -124,7 +133,8 @@ pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
 
 /// Checks every page of a database, in the background if that takes longer than a fraction of a second.
 /// Records the damage that is found, and closes the connection.
-pub(super) async fn check_pages(path: &Path, mut connection: AnyConnection) -> Result<Damage, StoreError> {
+pub(super) async fn check_pages(path: &Path, mut connection: SqliteConnection) -> Result<Damage, StoreError> {
+    rest_in_background(&mut connection).await.map_err(|error| named(path, error))?;
     let damage = Damage::default();
     let noted = damage.clone();
     let look = tokio::spawn(async move {
@@ -148,9 +158,23 @@ pub(super) async fn check_pages(path: &Path, mut connection: AnyConnection) -> R
     Ok(damage)
 }
 
+/// Makes a check on this connection rest now and then once a start does not wait for it any more.
+async fn rest_in_background(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    let began = Instant::now();
+    let mut resumed = began;
+    connection.lock_handle().await?.set_progress_handler(PAGES_WITHOUT_REST, move || {
+        if began.elapsed() > LOOKED_AT_FOR {
+            std::thread::sleep((resumed.elapsed() * REST).min(MAX_REST));
+        }
+        resumed = Instant::now();
+        true
+    });
+    Ok(())
+}
+
 /// Returns an error if the tables of a database cannot be read. A pool would retry again and again.
-pub(super) async fn check_schema(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
-    sqlx::query("SELECT COUNT(*) FROM sqlite_master").fetch_one(connection).await.map(|_| ())
+pub(super) async fn check_schema<'c>(connection: impl Executor<'c>) -> Result<(), sqlx::Error> {
+    connection.fetch_one("SELECT COUNT(*) FROM sqlite_master").await.map(|_| ())
 }
 
 /// Converts an error of a database; one about damage names the file.
@@ -163,7 +187,7 @@ pub(super) fn named(path: &Path, error: impl Into<StoreError>) -> StoreError {
 
 /// Runs a check of the whole database, which may take long; returns the findings.
 pub(super) async fn findings_of(path: &Path) -> Result<Vec<String>, StoreError> {
-    let mut connection = AnyConnection::connect(&sqlite_url(path, "ro")).await?;
+    let mut connection = SqliteConnection::connect(&sqlite_url(path, "ro")).await?;
     let found = findings(&mut connection, "PRAGMA integrity_check(4)").await;
     connection.close().await?;
     match found.map_err(StoreError::from) {
@@ -174,7 +198,7 @@ pub(super) async fn findings_of(path: &Path) -> Result<Vec<String>, StoreError> 
 
 /// Runs a check of SQLite; returns the findings.
 pub(super) async fn findings(
-    connection: &mut AnyConnection,
+    connection: &mut SqliteConnection,
     check: &str,
 ) -> Result<Vec<String>, sqlx::Error> {
     let rows = sqlx::query(check).fetch_all(connection).await?;

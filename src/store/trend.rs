@@ -21,7 +21,7 @@ use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 
 /// Maximum number of cached records of all channels, beyond which the least recently used histories are
 /// dropped.
-const MAX_RECORDS: usize = 1_000_000;
+pub(super) const MAX_RECORDS: usize = 1_000_000;
 
 /// The columns of a history's rows that have a layout.
 pub(super) const COLUMNS: [&str; 2] = ["indicator_values", "run_indicator_values"];
@@ -93,6 +93,15 @@ impl Trend {
         let low = from.map_or(0, |from| self.start_time.partition_point(|time| *time < from));
         let high = to.map_or(self.len(), |to| self.start_time.partition_point(|time| *time < to));
         low..high.max(low)
+    }
+
+    /// Makes room for a number of records, in all but the columns of indicators.
+    pub(super) fn reserve(&mut self, records: usize) {
+        self.start_time.reserve(records);
+        self.segment_id.reserve(records);
+        self.wear.reserve(records);
+        self.shaft_speed_hz.reserve(records);
+        self.torque_nm.reserve(records);
     }
 
     pub(super) fn push(&mut self, row: &AnyRow, layouts: &Layouts) -> Result<(), StoreError> {

@@ -1,8 +1,7 @@
 //! Blocks of a long history stored as columns, in addition to its rows, so that a history that is not in
 //! memory can be read quickly.
 
-use std::collections::BTreeMap;
-
+use bytes::Bytes;
 use futures_util::TryStreamExt;
 use prost::Message;
 use sqlx::{Any, Transaction};
@@ -17,33 +16,34 @@ use crate::asset::SegmentId;
 pub(super) const RECORDS: usize = 1024;
 
 /// Version of the block format; incremented with every change of it.
-const FORMAT: i64 = 1;
+const FORMAT: i64 = 2;
 
 /// Maximum number of channels in one round.
 const MAX_CHANNELS: i64 = 100;
 
-/// The columns of a block.
+/// The columns of a block. Numbers and texts are bytes, which are copied at once.
 #[derive(Clone, PartialEq, Message)]
 struct Block {
-    #[prost(sfixed64, repeated, tag = "1")]
-    start_time_ns: Vec<i64>,
-    #[prost(string, repeated, tag = "2")]
-    segment_id: Vec<String>,
+    /// Nanoseconds as 64-bit integers.
+    #[prost(bytes = "bytes", tag = "1")]
+    start_time_ns: Bytes,
+    #[prost(message, required, tag = "2")]
+    segment_id: Texts,
     #[prost(string, tag = "3")]
     unit: String,
     #[prost(message, repeated, tag = "4")]
     indicators: Vec<Column>,
-    #[prost(double, repeated, tag = "5")]
-    shaft_speed_hz: Vec<f64>,
-    #[prost(double, repeated, tag = "6")]
-    torque_nm: Vec<f64>,
-    #[prost(string, repeated, tag = "7")]
-    status: Vec<String>,
-    #[prost(string, repeated, tag = "8")]
-    reason: Vec<String>,
+    #[prost(bytes = "bytes", tag = "5")]
+    shaft_speed_hz: Bytes,
+    #[prost(bytes = "bytes", tag = "6")]
+    torque_nm: Bytes,
+    #[prost(message, required, tag = "7")]
+    status: Texts,
+    #[prost(message, required, tag = "8")]
+    reason: Texts,
     /// The numbers of [`numbers_of`], record after record; NaN for a missing number.
-    #[prost(double, repeated, tag = "9")]
-    wear: Vec<f64>,
+    #[prost(bytes = "bytes", tag = "9")]
+    wear: Bytes,
 }
 
 /// An indicator's values.
@@ -51,8 +51,56 @@ struct Block {
 struct Column {
     #[prost(string, tag = "1")]
     name: String,
-    #[prost(double, repeated, tag = "2")]
-    values: Vec<f64>,
+    #[prost(bytes = "bytes", tag = "2")]
+    values: Bytes,
+}
+
+/// Texts one after the other.
+#[derive(Clone, PartialEq, Message)]
+struct Texts {
+    #[prost(string, tag = "1")]
+    all: String,
+    #[prost(uint32, repeated, tag = "2")]
+    lengths: Vec<u32>,
+}
+
+impl Texts {
+    fn push(&mut self, text: &str) {
+        self.lengths.push(text.len() as u32);
+        self.all.push_str(text);
+    }
+
+    /// The texts; `None` instead of those that do not fit into `all`.
+    fn iter(&self) -> impl Iterator<Item = Option<&str>> {
+        let mut start = 0;
+        self.lengths.iter().map(move |length| {
+            let end = start + *length as usize;
+            self.all.get(std::mem::replace(&mut start, end)..end)
+        })
+    }
+
+    /// Whether there is one for each record.
+    fn is_whole(&self) -> bool {
+        self.lengths.len() == RECORDS && self.iter().all(|text| text.is_some())
+    }
+}
+
+impl<'a> FromIterator<&'a str> for Texts {
+    fn from_iter<I: IntoIterator<Item = &'a str>>(texts: I) -> Self {
+        let mut all = Self::default();
+        texts.into_iter().for_each(|text| all.push(text));
+        all
+    }
+}
+
+/// The bytes of a column of numbers.
+fn bytes_of(numbers: impl IntoIterator<Item = f64>) -> Bytes {
+    numbers.into_iter().flat_map(f64::to_le_bytes).collect()
+}
+
+/// The numbers of a column.
+fn numbers_in(bytes: &[u8]) -> impl ExactSizeIterator<Item = f64> {
+    bytes.as_chunks().0.iter().map(|number| f64::from_le_bytes(*number))
 }
 
 /// Count of numbers of an estimate.
@@ -73,76 +121,83 @@ fn numbers_of(wear: &WearPoint) -> [Option<f64>; NUMBERS] {
 
 impl Block {
     fn of(trend: &Trend) -> Result<Self, StoreError> {
-        let column =
-            |(name, values): (&String, &Vec<f64>)| Column { name: name.clone(), values: values.clone() };
-        let status =
-            |wear: &WearPoint| Ok(to_json(&wear.status, "status", "a history")?.trim_matches('"').to_owned());
+        let column = |(name, values): (&String, &Vec<f64>)| Column {
+            name: name.clone(),
+            values: bytes_of(values.iter().copied()),
+        };
+        let mut start_time_ns = Vec::new();
+        for time in &trend.start_time {
+            start_time_ns.extend(to_ns(*time)?.to_le_bytes());
+        }
+        let mut status = Texts::default();
+        for wear in &trend.wear {
+            status.push(to_json(&wear.status, "status", "a history")?.trim_matches('"'));
+        }
+        let wear = trend.wear.iter().flat_map(numbers_of).map(|number| number.unwrap_or(f64::NAN));
         Ok(Self {
-            start_time_ns: trend.start_time.iter().map(|time| to_ns(*time)).collect::<Result<_, _>>()?,
-            segment_id: trend.segment_id.iter().map(|id| id.0.clone()).collect(),
+            start_time_ns: start_time_ns.into(),
+            segment_id: trend.segment_id.iter().map(|id| id.0.as_str()).collect(),
             unit: trend.unit.clone(),
             indicators: trend.indicators.iter().map(column).collect(),
-            shaft_speed_hz: trend.shaft_speed_hz.clone(),
-            torque_nm: trend.torque_nm.clone(),
-            status: trend.wear.iter().map(status).collect::<Result<_, StoreError>>()?,
-            reason: trend.wear.iter().map(|wear| wear.reason.to_string()).collect(),
-            wear: trend.wear.iter().flat_map(numbers_of).map(|number| number.unwrap_or(f64::NAN)).collect(),
+            shaft_speed_hz: bytes_of(trend.shaft_speed_hz.iter().copied()),
+            torque_nm: bytes_of(trend.torque_nm.iter().copied()),
+            status,
+            reason: trend.wear.iter().map(|wear| &*wear.reason).collect(),
+            wear: bytes_of(wear),
         })
     }
 
     /// Whether all columns have the right length.
     fn is_whole(&self) -> bool {
-        let lengths = [
-            self.start_time_ns.len(),
-            self.segment_id.len(),
-            self.shaft_speed_hz.len(),
-            self.torque_nm.len(),
-            self.status.len(),
-            self.reason.len(),
-        ];
-        lengths == [RECORDS; 6]
-            && self.wear.len() == RECORDS * NUMBERS
-            && self.indicators.iter().all(|column| column.values.len() == RECORDS)
+        let columns = [&self.start_time_ns, &self.shaft_speed_hz, &self.torque_nm];
+        let mut columns = columns.into_iter().chain(self.indicators.iter().map(|column| &column.values));
+        columns.all(|column| column.len() == RECORDS * size_of::<f64>())
+            && self.wear.len() == RECORDS * NUMBERS * size_of::<f64>()
+            && [&self.segment_id, &self.status, &self.reason].into_iter().all(Texts::is_whole)
     }
 
-    fn append_to(self, trend: &mut Trend) -> Result<(), StoreError> {
+    /// Appends a whole block to a history that has room for `records` in all.
+    fn append_to(self, trend: &mut Trend, records: usize) -> Result<(), StoreError> {
         let position = trend.len();
         for Column { name, values } in self.indicators {
-            let column = trend.indicators.entry(name).or_default();
+            let column = trend.indicators.entry(name).or_insert_with(|| Vec::with_capacity(records));
             column.resize(position, f64::NAN);
-            column.extend(values);
+            column.extend(numbers_in(&values));
         }
-        // A block contains only a few different statuses.
-        let mut statuses = BTreeMap::new();
-        let numbers = self.wear.as_chunks::<NUMBERS>().0;
-        for ((status, reason), numbers) in self.status.into_iter().zip(self.reason).zip(numbers) {
-            let known = statuses.get(&status).copied();
-            let status = match known {
+        // Most records have the status of the one before.
+        let (mut text, mut status) = ("", None);
+        let estimates = self.status.iter().zip(self.reason.iter()).zip(self.wear.as_chunks().0);
+        for ((next, reason), numbers) in estimates {
+            let next = next.unwrap_or_default();
+            let known = status.filter(|_| next == text);
+            let current = match known {
                 Some(status) => status,
-                None => {
-                    let read = from_json(&format!("\"{status}\""), "status", "a history")?;
-                    *statuses.entry(status).or_insert(read)
-                }
+                None => from_json(&format!("\"{next}\""), "status", "a history")?,
             };
-            let number = |place: usize| Some(numbers[place]).filter(|number| !number.is_nan());
+            (text, status) = (next, Some(current));
+            let numbers: &[u8; NUMBERS * size_of::<f64>()] = numbers;
+            let mut numbers =
+                numbers_in(numbers).map(|number| Some(number).filter(|number| !number.is_nan()));
+            let mut number = || numbers.next().flatten();
             trend.wear.push(WearPoint {
-                status,
-                reason: reason.into_boxed_str(),
-                median_um: number(0),
-                mean_um: number(1),
-                low_um: number(2),
-                p25_um: number(3),
-                p75_um: number(4),
-                high_um: number(5),
-                log_evidence: number(6),
-                reference_wear_um: number(7),
+                status: current,
+                reason: reason.unwrap_or_default().into(),
+                median_um: number(),
+                mean_um: number(),
+                low_um: number(),
+                p25_um: number(),
+                p75_um: number(),
+                high_um: number(),
+                log_evidence: number(),
+                reference_wear_um: number(),
             });
         }
         trend.unit = self.unit;
-        trend.start_time.extend(self.start_time_ns.into_iter().map(from_ns));
-        trend.segment_id.extend(self.segment_id.into_iter().map(SegmentId));
-        trend.shaft_speed_hz.extend(self.shaft_speed_hz);
-        trend.torque_nm.extend(self.torque_nm);
+        let times = self.start_time_ns.as_chunks().0.iter();
+        trend.start_time.extend(times.map(|time| from_ns(i64::from_le_bytes(*time))));
+        trend.segment_id.extend(self.segment_id.iter().flatten().map(|id| SegmentId(id.to_owned())));
+        trend.shaft_speed_hz.extend(numbers_in(&self.shaft_speed_hz));
+        trend.torque_nm.extend(numbers_in(&self.torque_nm));
         Ok(())
     }
 }
@@ -161,13 +216,16 @@ pub(super) async fn load(
     .bind(channel.rewritten_revision)
     .bind(FORMAT)
     .fetch(&mut **snapshot);
+    let records = usize::try_from(channel.segments).map_or(0, |records| records.min(trend::MAX_RECORDS));
+    trend.reserve(records);
     let mut expected = 0;
     while let Some(row) = rows.try_next().await? {
         let number: i64 = get(&row, "number")?;
         // An unreadable block, and those after it, are read from the rows.
-        let block = Block::decode(get::<&[u8]>(&row, "columns")?).ok().filter(Block::is_whole);
+        let columns = Bytes::from(get::<Vec<u8>>(&row, "columns")?);
+        let block = Block::decode(columns).ok().filter(Block::is_whole);
         let Some(block) = block.filter(|_| number == expected) else { break };
-        block.append_to(trend)?;
+        block.append_to(trend, records)?;
         expected += 1;
     }
     Ok(())
