@@ -1,6 +1,7 @@
 //! The service under load, as the release binary:
-//! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet|memory]`.
-//! Without a name all but `memory` run, which takes two hours.
+//! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet|memory|start]`.
+//! Without a name all but `memory`, which takes two hours, and `start` run. `start` measures starts on the data
+//! folder in `FLANKWATCH_BENCH_FOLDER`, which `benches/multiply_rows.py` can make.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
 //! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. What is read
@@ -52,6 +53,9 @@ fn main() {
     }
     if selected.iter().any(|word| word == "memory") {
         memory();
+    }
+    if selected.iter().any(|word| word == "start") {
+        start();
     }
 }
 
@@ -375,6 +379,22 @@ fn fleet() {
         drop(service);
         assets *= 10;
     }
+}
+
+/// Starts on a given data folder with an asset `pump`, which stays.
+fn start() {
+    let given =
+        std::env::var_os("FLANKWATCH_BENCH_FOLDER").expect("FLANKWATCH_BENCH_FOLDER has a data folder");
+    let mut service = Service::start(Path::new(&given));
+    let started =
+        |service: &mut Service, path| Runs((0..STARTS).map(|_| restart_ms(service, path)).collect());
+    let records = &service.get("/v1/assets/pump")["summary"]["segments"].clone();
+    let [health, wear] = ["/healthz", "/v1/assets/pump/wear"].map(|path| started(&mut service, path));
+    println!(
+        "start with {records} records until GET /healthz is answered, in ms: {health}; GET wear: {wear}"
+    );
+    service.folder = folder("start");
+    println!("reference: start without records in ms: {}", started(&mut service, "/healthz"));
 }
 
 /// Resident memory under steady load, for `FLANKWATCH_BENCH_SECONDS` (two hours): records of 2 s go to 20

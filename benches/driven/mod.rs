@@ -133,7 +133,10 @@ impl Drop for Service {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-        let _ = fs::remove_dir_all(&self.folder);
+        // A folder that was given to the bench stays.
+        if self.folder.starts_with(own_folders()) {
+            let _ = fs::remove_dir_all(&self.folder);
+        }
     }
 }
 
@@ -147,9 +150,13 @@ pub(crate) fn described(id: &str) -> Value {
     asset
 }
 
+/// The parent of the folders that benches make and remove.
+fn own_folders() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("target/bench")
+}
+
 pub(crate) fn folder(name: &str) -> PathBuf {
-    let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/bench");
-    let path = target.join(format!("{name}-{}", std::process::id()));
+    let path = own_folders().join(format!("{name}-{}", std::process::id()));
     fs::create_dir_all(&path).expect("a folder for the bench");
     path
 }

@@ -13,7 +13,7 @@ use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
 /// Number of records in a block.
-pub(super) const RECORDS: usize = 1024;
+pub(super) const RECORDS: usize = 256;
 
 /// Version of the block format; incremented with every change of it.
 const FORMAT: i64 = 2;
