@@ -325,3 +325,65 @@ impl Store {
         Ok(kept.rows_affected() > 0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::estimate::WearStatus;
+
+    fn history() -> Trend {
+        let numbers = || (0..RECORDS).map(|n| n as f64);
+        let wear = |n: f64| WearPoint {
+            status: if n < 20.0 { WearStatus::CollectingBaseline } else { WearStatus::Estimated },
+            reason: format!("record {n}, in µm").into(),
+            median_um: (n > 20.0).then_some(n),
+            mean_um: None,
+            low_um: None,
+            p25_um: None,
+            p75_um: None,
+            high_um: Some(-n),
+            reference_wear_um: None,
+            log_evidence: Some(0.5 * n),
+        };
+        let mut trend = Trend { unit: "g".to_owned(), ..Trend::default() };
+        trend.start_time =
+            (0..RECORDS as i64).map(|n| Timestamp::from_nanosecond(n.into()).unwrap()).collect();
+        trend.segment_id = (0..RECORDS).map(|n| SegmentId(format!("{n:x}"))).collect();
+        trend.indicators.insert("rms".to_owned(), numbers().collect());
+        trend.shaft_speed_hz = numbers().map(|n| 10.0 + n).collect();
+        trend.torque_nm = numbers().map(|n| 2.0 * n).collect();
+        trend.wear = numbers().map(wear).collect();
+        trend
+    }
+
+    fn stored(trend: &Trend) -> Block {
+        Block::decode(Bytes::from(Block::of(trend).unwrap().encode_to_vec())).unwrap()
+    }
+
+    #[test]
+    fn a_block_gives_back_its_part_of_a_history() {
+        let trend = history();
+        let block = stored(&trend);
+        assert!(block.is_whole());
+        let mut read = Trend::default();
+        block.append_to(&mut read, RECORDS).unwrap();
+        assert_eq!(format!("{read:?}"), format!("{trend:?}"));
+    }
+
+    #[test]
+    fn a_block_with_texts_or_columns_cut_off_is_not_whole() {
+        let whole = stored(&history());
+        let mut longer = whole.clone();
+        longer.reason.lengths[RECORDS - 1] += 1;
+        let mut within_a_character = whole.clone();
+        let micro = within_a_character.reason.all.find('µ').unwrap() as u32;
+        within_a_character.reason.lengths[0] = micro + 1;
+        let mut shorter = whole;
+        shorter.torque_nm.truncate(7);
+        for block in [longer, within_a_character, shorter] {
+            assert!(!block.is_whole());
+        }
+    }
+}
