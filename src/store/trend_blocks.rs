@@ -347,11 +347,12 @@ mod tests {
             reference_wear_um: None,
             log_evidence: Some(0.5 * n),
         };
-        let mut trend = Trend { unit: "g".to_owned(), ..Trend::default() };
+        let mut trend = Trend::default();
+        trend.indicators.insert("rms".to_owned(), numbers().collect());
+        trend.unit = "g".to_owned();
         trend.start_time =
             (0..RECORDS as i64).map(|n| Timestamp::from_nanosecond(n.into()).unwrap()).collect();
         trend.segment_id = (0..RECORDS).map(|n| SegmentId(format!("{n:x}"))).collect();
-        trend.indicators.insert("rms".to_owned(), numbers().collect());
         trend.shaft_speed_hz = numbers().map(|n| 10.0 + n).collect();
         trend.torque_nm = numbers().map(|n| 2.0 * n).collect();
         trend.wear = numbers().map(wear).collect();
