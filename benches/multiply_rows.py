@@ -1,15 +1,20 @@
-"""Multiplies the records of a stopped service's SQLite database by ten, under other names and at later times.
+"""Multiplies the records in a stopped service's data folder by ten, under other names and at later times.
 
     python3 benches/multiply_rows.py DATA_FOLDER
 
-For measurements with many rows: they come from real records, and nobody waits an hour for ten times as many. Raw
-objects are not copied, and the history's columns are removed.
+For measurements with more rows than can be sent in a few minutes. Only rows of the SQLite database are
+copied, no raw recordings. The columns of histories are removed; the service stores them anew.
 """
 
 import sqlite3
 import sys
 
-TABLES = {"segments": "id", "analyses": "segment_id", "wear_estimates": "segment_id", "wear_posteriors": "segment_id"}
+TABLES = {
+    "segments": "id",
+    "analyses": "segment_id",
+    "wear_estimates": "segment_id",
+    "wear_posteriors": "segment_id",
+}
 
 
 def main() -> None:
@@ -28,8 +33,8 @@ def main() -> None:
             if table == "segments":
                 values["start_time_ns"] = f"t.start_time_ns + {copy * span}"
             database.execute(
-                f"INSERT INTO {table} ({', '.join(columns)}) SELECT {', '.join(values.values())} FROM {table} t "
-                f"JOIN segments s ON s.id = t.{identifier} WHERE s.start_time_ns <= {last}"
+                f"INSERT INTO {table} ({', '.join(columns)}) SELECT {', '.join(values.values())}"
+                f" FROM {table} t JOIN segments s ON s.id = t.{identifier} WHERE s.start_time_ns <= {last}"
             )
     database.execute("DELETE FROM trend_blocks")
     database.execute(

@@ -1,7 +1,7 @@
 //! The service under load, as the release binary:
 //! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet|memory|start]`.
-//! Without a name all but `memory`, which takes two hours, and `start` run. `start` measures starts on the data
-//! folder in `FLANKWATCH_BENCH_FOLDER`, which `benches/multiply_rows.py` can make.
+//! Without a name all run but `memory`, which takes two hours, and `start`. `start` measures starts on the
+//! data folder in `FLANKWATCH_BENCH_FOLDER`, whose records `benches/multiply_rows.py` can multiply.
 //!
 //! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
 //! files for what is stored, `GET /healthz` for what is read, and an empty folder for a start. What is read
@@ -388,7 +388,7 @@ fn start() {
     let mut service = Service::start(Path::new(&given));
     let started =
         |service: &mut Service, path| Runs((0..STARTS).map(|_| restart_ms(service, path)).collect());
-    let records = &service.get("/v1/assets/pump")["summary"]["segments"].clone();
+    let records = service.get("/v1/assets/pump")["summary"]["segments"].clone();
     let [health, wear] = ["/healthz", "/v1/assets/pump/wear"].map(|path| started(&mut service, path));
     println!(
         "start with {records} records until GET /healthz is answered, in ms: {health}; GET wear: {wear}"

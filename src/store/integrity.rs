@@ -18,7 +18,7 @@ const LOOKED_AT_FOR: Duration = Duration::from_millis(300);
 /// Pages between two rests of a check in the background.
 const PAGES_WITHOUT_REST: i32 = 64;
 
-/// How much longer a check in the background rests than it works: requests need the processor more.
+/// How many times as long as it works a check in the background rests: requests need the processor more.
 const REST: u32 = 3;
 
 /// Longest rest of a check in the background, if a disk stood still before it.

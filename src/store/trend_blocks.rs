@@ -11,6 +11,7 @@ use super::rows::{from_json, from_ns, get, to_json, to_ns};
 use super::trend::{self, Trend, WearPoint, rows_after};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
+use crate::estimate::WearStatus;
 
 /// Number of records in a block.
 pub(super) const RECORDS: usize = 256;
@@ -165,22 +166,20 @@ impl Block {
             column.extend(numbers_in(&values));
         }
         // Most records have the status of the one before.
-        let (mut text, mut status) = ("", None);
-        let estimates = self.status.iter().zip(self.reason.iter()).zip(self.wear.as_chunks().0);
-        for ((next, reason), numbers) in estimates {
-            let next = next.unwrap_or_default();
-            let known = status.filter(|_| next == text);
-            let current = match known {
-                Some(status) => status,
-                None => from_json(&format!("\"{next}\""), "status", "a history")?,
+        let mut last: Option<(&str, WearStatus)> = None;
+        let numbers = self.wear.as_chunks::<{ NUMBERS * size_of::<f64>() }>().0;
+        for ((text, reason), numbers) in self.status.iter().zip(self.reason.iter()).zip(numbers) {
+            let text = text.unwrap_or_default();
+            let status = match last {
+                Some((same, status)) if same == text => status,
+                _ => from_json(&format!("\"{text}\""), "status", "a history")?,
             };
-            (text, status) = (next, Some(current));
-            let numbers: &[u8; NUMBERS * size_of::<f64>()] = numbers;
+            last = Some((text, status));
             let mut numbers =
                 numbers_in(numbers).map(|number| Some(number).filter(|number| !number.is_nan()));
             let mut number = || numbers.next().flatten();
             trend.wear.push(WearPoint {
-                status: current,
+                status,
                 reason: reason.unwrap_or_default().into(),
                 median_um: number(),
                 mean_um: number(),
@@ -331,7 +330,6 @@ mod tests {
     use jiff::Timestamp;
 
     use super::*;
-    use crate::estimate::WearStatus;
 
     fn history() -> Trend {
         let numbers = || (0..RECORDS).map(|n| n as f64);
