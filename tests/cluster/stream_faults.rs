@@ -77,7 +77,8 @@ fn a_stream_through_faulty_links_and_nodes_has_every_sample_once() {
         let next = socket.next.unwrap();
         assert!(next >= acknowledged, "{next} is before {acknowledged}, which was acknowledged");
         acknowledged = next;
-        if random.random_bool(0.25) {
+        // Without a stored sample, nothing says what the time was before a jump.
+        if random.random_bool(0.25) && next > 0 {
             clock.jump(next, &mut random);
         }
         let mut sent = next;

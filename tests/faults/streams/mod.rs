@@ -112,7 +112,8 @@ fn every_acknowledged_sample_is_stored_once_despite_faults_and_repeated_chunks()
         assert!(next >= acknowledged, "{next} is before {acknowledged}, which was acknowledged");
         rests += u64::from(next > acknowledged);
         acknowledged = next;
-        if random.random_bool(0.25) {
+        // Without a stored sample, nothing says what the time was before a jump.
+        if random.random_bool(0.25) && next > 0 {
             clock.jump(next, &mut random);
         }
         let mut sent = next;
