@@ -9,14 +9,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Map, Value};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
 use sqlx::{Any, Executor};
 
-use super::StoreError;
 use super::commit::{Commit, ROWS_AT_ONCE};
 use super::rows::{from_json, get, placeholders, rows_of_placeholders, to_json};
+use super::{StoreError, filled_layout};
 use crate::estimate::Posterior;
 
 /// First byte of a value in columns; a value as JSON begins with another one.
@@ -96,42 +96,6 @@ fn split(value: Value, numbers: &mut Vec<u8>, texts: &mut Vec<u8>) -> Value {
             Value::Object(entries.collect())
         }
         other => other,
-    }
-}
-
-/// Puts numbers and texts back into a layout; `None` if there are not as many.
-fn join(layout: &Value, numbers: &mut &[u8], texts: &mut &[u8]) -> Option<Value> {
-    Some(match layout {
-        Value::Number(number) if number.is_f64() => {
-            let (number, rest) = numbers.split_first_chunk()?;
-            *numbers = rest;
-            f64::from_le_bytes(*number).into()
-        }
-        Value::String(_) => {
-            let (length, rest) = texts.split_first_chunk()?;
-            let (text, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-            *texts = rest;
-            std::str::from_utf8(text).ok()?.into()
-        }
-        Value::Array(items) => {
-            items.iter().map(|item| join(item, numbers, texts)).collect::<Option<Vec<_>>>()?.into()
-        }
-        Value::Object(entries) => {
-            let entries =
-                entries.iter().map(|(name, entry)| Some((name.clone(), join(entry, numbers, texts)?)));
-            Value::Object(entries.collect::<Option<Map<_, _>>>()?)
-        }
-        other => other.clone(),
-    })
-}
-
-/// Number of numbers with a fraction part in a layout.
-fn count(layout: &Value) -> usize {
-    match layout {
-        Value::Number(number) => usize::from(number.is_f64()),
-        Value::Array(items) => items.iter().map(count).sum(),
-        Value::Object(entries) => entries.values().map(count).sum(),
-        _ => 0,
     }
 }
 
@@ -253,16 +217,11 @@ impl Layouts {
             return serde_json::from_slice(bytes).map_err(damaged);
         }
         let (layout, content) = self.layout(bytes, what, of)?;
-        let (mut numbers, mut texts) = content.split_at_checked(8 * count(layout)).unwrap_or((content, &[]));
-        let value = join(layout, &mut numbers, &mut texts);
-        let value = value.filter(|_| numbers.is_empty() && texts.is_empty()).ok_or_else(|| {
-            StoreError::Unexpected {
-                what,
-                value: format!("{} bytes of {of}", bytes.len()),
-                expected: "as many as its layout has",
-            }
-        })?;
-        serde_json::from_value(value).map_err(damaged)
+        filled_layout::read(layout, content).map_err(damaged)?.ok_or_else(|| StoreError::Unexpected {
+            what,
+            value: format!("{} bytes of {of}", bytes.len()),
+            expected: "as many as its layout has",
+        })
     }
 }
 
@@ -300,11 +259,12 @@ impl Commit {
 
 #[cfg(test)]
 mod tests {
+    use serde::Deserialize;
     use serde_json::json;
 
     use super::*;
 
-    fn read(columns: &Columns) -> Result<Value, StoreError> {
+    fn read<T: DeserializeOwned>(columns: &Columns) -> Result<T, StoreError> {
         let (id, layout) = &columns.layout;
         let layouts = Layouts(HashMap::from([(*id, Arc::new(serde_json::from_str(layout).unwrap()))]));
         layouts.decode(&columns.bytes, "indicators", "a record")
@@ -317,8 +277,45 @@ mod tests {
             json!({ "indicators": { "rms": 0.1, "kurtosis": -0.0, "peak": 5e-324 }, "absent": { "fm4": "no_speed" } }),
             json!([null, true, 3, -1, "", "é \"quoted\"", { "extent": [1.0, 2.5e300, [] ] }]),
         ] {
-            assert_eq!(read(&Columns::of(&value, "indicators", "a record").unwrap()).unwrap(), value);
+            assert_eq!(
+                read::<Value>(&Columns::of(&value, "indicators", "a record").unwrap()).unwrap(),
+                value
+            );
         }
+    }
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    enum Kind {
+        Plain,
+        Scaled(f64),
+        Between { low: f64, high: f64 },
+    }
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    struct Reading {
+        count: u32,
+        kinds: [Kind; 3],
+        name: Option<String>,
+        none: Option<f64>,
+        pair: (f64, String),
+    }
+
+    #[test]
+    fn types_are_read_as_from_json() {
+        let reading = Reading {
+            count: 3,
+            kinds: [Kind::Scaled(0.5), Kind::Plain, Kind::Between { low: -1.0, high: 2.0 }],
+            name: Some("é".to_owned()),
+            none: None,
+            pair: (1e-300, String::new()),
+        };
+        let columns = Columns::of(&reading, "features", "a record").unwrap();
+        assert_eq!(read::<Reading>(&columns).unwrap(), reading);
+        let error = read::<Vec<f64>>(&columns).unwrap_err().to_string();
+        assert!(error.contains("features"), "{error}");
+        // A list with more entries than the type has.
+        let columns = Columns::of(&[0.5, 0.25, 0.125], "features", "a record").unwrap();
+        assert!(read::<[f64; 2]>(&columns).is_err());
     }
 
     #[test]
@@ -340,7 +337,7 @@ mod tests {
             assert!(layouts.decode::<Value>(wrong, "indicators", "a record").is_err());
         }
         columns.bytes.push(0);
-        let error = read(&columns).unwrap_err().to_string();
+        let error = read::<Value>(&columns).unwrap_err().to_string();
         assert!(error.contains("indicators"), "{error}");
     }
 }

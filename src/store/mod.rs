@@ -17,6 +17,7 @@ mod database;
 mod dead_letters;
 mod error;
 mod exclusion;
+mod filled_layout;
 mod fold_states;
 mod generations;
 mod identity;
