@@ -136,7 +136,7 @@ pub(crate) fn angle_record(
     .map_err(|reason| not_computed_error("record over the shaft's angle", reason))?;
     Ok(AngleRecord {
         angle: angle_source(py, &by_angle.angle)?,
-        unit: by_angle.unit,
+        unit: by_angle.unit.to_string(),
         samples: by_angle
             .samples
             .into_iter()

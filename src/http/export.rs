@@ -250,7 +250,7 @@ fn write(
     }
     let indicators = Indicators {
         start_time_ns: nanoseconds(start),
-        values: segment.indicators.values.clone().into_iter().collect(),
+        values: segment.indicators.values.iter().map(|(name, value)| (name.to_string(), *value)).collect(),
     };
     writer.write(&base, HistoryKind::Indicators, start, received, &indicators)?;
     let wear = WearEstimate {

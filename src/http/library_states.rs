@@ -1,7 +1,5 @@
 //! The states of a library as a list, and the flanks at a wear depth.
 
-use std::collections::BTreeMap;
-
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
@@ -12,6 +10,7 @@ use super::problem::Problem;
 use super::query::{NameInPath, Page, Parameters};
 use crate::gear::{Flank, FlankWear, Gear, GearError, PairSpec};
 use crate::library::LibraryState;
+use crate::signal::ByName;
 
 /// Number of intervals of the drawn active flank.
 const FLANK_STRETCHES: usize = 60;
@@ -32,7 +31,8 @@ pub(super) struct StateRow {
     /// Peak-to-peak transmission error over the mesh period.
     uste_peak_to_peak_rad: f64,
     #[serde(flatten)]
-    indicators: BTreeMap<String, f64>,
+    #[schema(value_type = std::collections::BTreeMap<String, f64>)]
+    indicators: ByName<f64>,
 }
 
 impl From<&LibraryState> for StateRow {

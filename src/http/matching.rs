@@ -12,6 +12,7 @@ use super::{libraries, segments};
 use crate::asset::{Segment, SegmentId};
 use crate::estimate::{MaintenanceEvent, MaintenanceKind};
 use crate::library::Library;
+use crate::signal::Name;
 use crate::store::{Order, SegmentFilter};
 
 /// Decibels in one unit of a natural logarithm of an amplitude.
@@ -110,7 +111,7 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
     let curves = library.feature_curves();
     let depths: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
     let measured = segment.features.values.iter();
-    let row = |(name, value): (&String, &f64)| {
+    let row = |(name, value): (&Name, &f64)| {
         let healthy: Option<Vec<f64>> =
             baseline.iter().map(|record| record.features.values.get(name).copied()).collect();
         let healthy = healthy.filter(|values| !values.is_empty())?;
@@ -120,7 +121,7 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
         let curve = curves.get(name.as_str());
         let change = |um: f64| curve.map(|curve| DB_PER_NEPER * (interpolate(&depths, curve, um) - curve[0]));
         Some(FeatureRow {
-            name: name.clone(),
+            name: name.to_string(),
             measured_db: DB_PER_NEPER * (value - mean),
             scatter_db: DB_PER_NEPER * deviation,
             expected_db: change(wear_um[1]),

@@ -111,7 +111,7 @@ impl Trend {
         let status: String = get(row, "status")?;
         let position = self.len();
         for (name, value) in indicators.values {
-            let column = self.indicators.entry(name).or_default();
+            let column = self.indicators.entry(name.to_string()).or_default();
             column.resize(position, f64::NAN);
             column.push(value);
         }

@@ -1,6 +1,9 @@
 //! The analysis of one record, from a single transform of the whole record.
 
+use smol_str::format_smolstr;
+
 use super::band::Band;
+use super::by_name::ByName;
 use super::checks::{insert_checks, insert_shaft_lines};
 use super::faults::fault;
 use super::features::{Extent, Features};
@@ -24,6 +27,12 @@ const MAX_RETAINED_SAMPLES: usize = 1 << 22;
 
 /// Number of mesh harmonics among the features.
 const FEATURE_HARMONICS: usize = 16;
+
+/// Room for the indicators beside those of the mesh harmonics and of bands.
+const INDICATORS_BESIDE_HARMONICS: usize = 22;
+
+/// Room for each kind of a record's features.
+const FEATURES: usize = 32;
 
 /// Settings of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,32 +158,40 @@ impl Analyzer {
     ) -> Analysis {
         let work = &mut self.work;
         let resolution_hz = work.resolution_hz(record);
-        let mut indicators = Indicators::default();
+        let harmonics = if mesh.teeth > 0 { self.settings.harmonics } else { 0 };
+        let mut indicators = Indicators {
+            values: ByName::with_capacity(INDICATORS_BESIDE_HARMONICS + harmonics + bands.len()),
+            ..Indicators::default()
+        };
         moments.indicate(&mut indicators);
         for band in bands {
             let value = band.rms(&work.amplitude, work.length, resolution_hz, record.unit());
             indicators.insert(band.indicator(), value);
         }
-        let mut features = Features::default();
+        let mut features = Features {
+            values: ByName::with_capacity(FEATURES),
+            background: ByName::with_capacity(FEATURES),
+            checks: ByName::with_capacity(FEATURES),
+            ..Features::default()
+        };
         let deviation = moments.deviation();
         let velocity =
             deviation.and_then(|_| velocity_rms(&work.amplitude, work.length, resolution_hz, record.unit()));
         indicators.insert(VELOCITY_RMS, velocity);
         if let (Ok(deviation), Ok(kurtosis)) = (deviation, moments.kurtosis()) {
-            features.values.insert("ln_rms".to_owned(), deviation.ln());
-            features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
+            features.values.insert("ln_rms", deviation.ln());
+            features.values.insert("ln_kurtosis", kurtosis.ln());
         }
 
         let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh));
-        let mut mesh_lines = Vec::new();
-        let harmonics = if mesh.teeth > 0 { self.settings.harmonics } else { 0 };
+        let mut mesh_lines = Vec::with_capacity(harmonics);
         for order in 1..=harmonics {
             let line =
                 lines.and_then(|lines| lines.read(work, order as f64).ok_or(NotComputed::AboveNyquist));
             let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
             let amplitude = line
                 .and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(NotComputed::OtherMesh) });
-            indicators.insert(format!("mesh_{order}"), amplitude);
+            indicators.insert(format_smolstr!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
             }
@@ -223,7 +240,12 @@ impl Analyzer {
             );
             for order in (1..=harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
-                    features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
+                    features.insert_line(
+                        format_smolstr!("ln_mesh_{order}"),
+                        line.amplitude,
+                        noise,
+                        deviation,
+                    );
                 }
             }
             lines.sidebands(work, deviation, &mut features);

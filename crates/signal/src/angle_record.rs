@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::by_name::Name;
 use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::shaft_angle::AngleSource;
 use super::spectrum::hann_amplitude;
@@ -11,13 +12,13 @@ use super::transform::{Float, Transforms};
 use super::turn_bins::bins_around;
 
 /// Up to this many bins to each side of a line, direct summation costs less than a full transform.
-const MAX_SUMMED_REACH: usize = 8;
+pub(super) const MAX_SUMMED_REACH: usize = 8;
 
 /// Whole turns of a shaft, sampled at equal steps of its angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AngleRecord {
     /// Unit of the samples.
-    pub unit: String,
+    pub unit: Name,
     /// Samples per turn; even, with no prime factor above 7.
     pub samples_per_turn: usize,
     /// Number of whole turns.
@@ -113,7 +114,9 @@ impl AngleRecord {
         for (amplitude, w) in amplitude.iter_mut().zip(bins.windows(3)) {
             *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
         }
-        Some(read_line_in(&amplitude[..bins.len() - 2], position + 1 - reach, position as f64))
+        let line = read_line_in(&amplitude[..bins.len() - 2], position + 1 - reach, position as f64);
+        transforms.recycle_complex(bins);
+        Some(line)
     }
 
     /// Returns the Hann amplitude spectrum over orders.
@@ -126,7 +129,7 @@ impl AngleRecord {
         hann_amplitude(&bins, samples.len(), &mut amplitude);
         let resolution_orders = 1.0 / self.turns as f64;
         OrderSpectrum {
-            unit: self.unit.clone(),
+            unit: self.unit.to_string(),
             resolution_orders,
             bandwidth_orders: 1.5 * resolution_orders,
             amplitude,
@@ -180,7 +183,7 @@ mod tests {
             });
             let samples = samples.map(|sample| sample as f32);
             let turned = AngleRecord {
-                unit: "g".to_owned(),
+                unit: "g".into(),
                 samples_per_turn,
                 turns,
                 samples: samples.collect(),

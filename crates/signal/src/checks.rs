@@ -3,6 +3,8 @@
 
 use std::f64::consts::SQRT_2;
 
+use smol_str::format_smolstr;
+
 use super::features::Features;
 use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
@@ -70,16 +72,20 @@ pub(super) fn insert_checks(
         sorting.clear();
         sorting.extend(bins.iter().step_by(bins.len().div_ceil(FLOOR_BINS)));
         if let Some(floor) = noise_amplitude(sorting) {
-            features.insert_check(format!("ln_floor_{centre_hz:.0}hz"), floor * to_density, deviation);
+            features.insert_check(
+                format_smolstr!("ln_floor_{centre_hz:.0}hz"),
+                floor * to_density,
+                deviation,
+            );
         }
         let Some((mesh_bins, mesh)) = mesh else {
             let energy: f64 = bins.iter().map(|a| a * a).sum();
             let whole = (energy / bins.len() as f64).sqrt();
-            features.insert_check(format!("ln_band_{centre_hz:.0}hz"), whole * to_density, deviation);
+            features.insert_check(format_smolstr!("ln_band_{centre_hz:.0}hz"), whole * to_density, deviation);
             continue;
         };
         if let Some(rest) = rms_outside_combs(amplitude, [first, last], mesh_bins, mesh) {
-            features.insert_check(format!("ln_rest_{centre_hz:.0}hz"), rest * to_density, deviation);
+            features.insert_check(format_smolstr!("ln_rest_{centre_hz:.0}hz"), rest * to_density, deviation);
         }
     }
 }

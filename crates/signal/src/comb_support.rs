@@ -1,5 +1,7 @@
 //! Support of a mesh comb by the lines of a spectrum, and comparison with other combs. Positions are in bins.
 
+use smallvec::SmallVec;
+
 use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_context::MeshContext;
@@ -245,20 +247,21 @@ impl<'a> Lines<'a> {
     fn missing_multiple(&self, mesh: f64, sought: u32) -> Option<f64> {
         let has_line = |order: &u32| self.at(f64::from(*order) * mesh) > 0.0;
         [2, 3].into_iter().find_map(|factor| {
-            let (multiples, others): (Vec<u32>, Vec<u32>) =
-                (1..=sought).filter(has_line).partition(|order| order % factor == 0);
-            (multiples.len() >= 2 && 3 * others.len() < multiples.len()).then_some(f64::from(factor))
+            let found = (1..=sought).filter(has_line);
+            let multiples = found.clone().filter(|order| order % factor == 0).count();
+            let others = found.count() - multiples;
+            (multiples >= 2 && 3 * others < multiples).then_some(f64::from(factor))
         })
     }
 
     /// Returns whether lines as strong as the harmonics lie half-way between them.
     fn has_lines_between(&self, mesh: f64, sought: u32) -> bool {
-        let log_ratios = |shift: f64| -> Vec<f64> {
-            let positions = (1..=sought).map(|order| (f64::from(order) - shift) * mesh);
-            positions.map(|position| self.at(position)).filter(|line| *line > 0.0).collect()
+        let log_ratios = |shift: f64| {
+            let positions = (1..=sought).map(move |order| (f64::from(order) - shift) * mesh);
+            positions.map(|position| self.at(position)).filter(|line| *line > 0.0)
         };
         let (between, on) = (log_ratios(0.5), log_ratios(0.0));
-        between.len() >= 2 && between.iter().sum::<f64>() > 0.5 * on.iter().sum::<f64>()
+        between.clone().count() >= 2 && between.sum::<f64>() > 0.5 * on.sum::<f64>()
     }
 
     /// Returns how many of a shaft's harmonics and sidebands around a mesh have a line, and their score.
@@ -300,7 +303,7 @@ impl<'a> Lines<'a> {
         let shaft = mesh / f64::from(context.teeth.max(1));
         let mate = (context.mate_teeth > 0).then(|| mesh / f64::from(context.mate_teeth));
         let others = context.others.shaft_orders().map(|order| order * shaft);
-        let known: Vec<f64> = [shaft].into_iter().chain(mate).chain(others).collect();
+        let known: SmallVec<[f64; 8]> = [shaft].into_iter().chain(mate).chain(others).collect();
         let lines_of = |shaft: f64| self.shaft_lines(mesh, shaft);
         let own = known.iter().map(|shaft| lines_of(*shaft).1).fold(f64::NEG_INFINITY, f64::max);
         let step = REACH_BINS / f64::from(SIDEBANDS);

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::analyzer::{Analysis, Analyzer};
 use super::band::Band;
+use super::by_name::Name;
 use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
 use super::impacts::BearingSettings;
@@ -14,6 +15,9 @@ use super::record::{Quality, RecordOf};
 
 /// Identifier of the method behind the indicators over the shaft angle.
 pub const GEAR_PREPROCESSING: &str = "turns-2";
+
+/// Identifiers of the methods behind features and indicators over the shaft angle.
+const BOTH_PREPROCESSING: &str = "steadied-lines-7+turns-2";
 
 /// Indicators that a clipped record does not provide: there they describe the converter, not the machine.
 const INVALID_WHEN_CLIPPED: [&str; 3] = ["peak", "crest_factor", "kurtosis"];
@@ -36,7 +40,8 @@ pub struct ConditionSettings<'a> {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Basis {
     /// Identifier of the method; only numbers with the same identifier are comparable.
-    pub preprocessing: String,
+    #[cfg_attr(feature = "openapi", schema(value_type = String))]
+    pub preprocessing: Name,
     /// Quality flags set by the acquisition.
     pub quality: Quality,
     /// The shaft angle that the gear indicators were computed over, if there are any.
@@ -68,15 +73,16 @@ impl Analyzer {
             Err(NotComputed::NoSpeed)
         };
         self.insert_tooth_checks(mesh, &angle_record, &mut analysis.features);
-        let mut basis =
-            Basis { preprocessing: PREPROCESSING.to_owned(), quality: record.quality(), shaft_angle: None };
+        let mut basis = Basis {
+            preprocessing: Name::new_static(PREPROCESSING),
+            quality: record.quality(),
+            shaft_angle: None,
+        };
         let mut clipped = record.quality().clipped;
         if gear_indicators {
-            let gear = self.gear_indicators_of(mesh, &angle_record);
-            clipped |= gear.indicators.absent.values().any(|reason| *reason == NotComputed::Clipped);
-            analysis.indicators.extend(gear.indicators);
-            basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");
-            basis.shaft_angle = gear.angle;
+            clipped |= matches!(angle_record, Err(NotComputed::Clipped));
+            basis.preprocessing = Name::new_static(BOTH_PREPROCESSING);
+            basis.shaft_angle = self.insert_gear_indicators(mesh, &angle_record, &mut analysis.indicators);
         }
         if clipped {
             for name in INVALID_WHEN_CLIPPED {
@@ -87,5 +93,15 @@ impl Analyzer {
         self.recycle(angle_record);
         self.release_large_buffers(record);
         Condition { analysis, basis }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_text_has_both_methods() {
+        assert_eq!(BOTH_PREPROCESSING, format!("{PREPROCESSING}+{GEAR_PREPROCESSING}"));
     }
 }

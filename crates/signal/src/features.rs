@@ -1,10 +1,10 @@
 //! The feature vector for comparing measured and simulated records.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
+use smol_str::format_smolstr;
 
 use super::bearing_lines::EnvelopeLine;
+use super::by_name::{ByName, Name};
 use super::indicators::NotComputed;
 use super::record::OperatingPoint;
 
@@ -36,7 +36,8 @@ pub const PREPROCESSING: &str = "steadied-lines-7";
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
-    pub values: BTreeMap<String, f64>,
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, f64>))]
+    pub values: ByName<f64>,
     /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`, and `ln_shaft_k` of the checks) the
     /// natural logarithm of its mean reading in local noise alone: the root-mean-square amplitude of noise in
     /// as many bins as the feature sums, from the median of the bins between the neighbouring lines. Omitted
@@ -45,7 +46,8 @@ pub struct Features {
     /// A line is read at the highest peak within 1.5 bins, so in pure noise the value lies some tenths above
     /// this.
     #[serde(default)]
-    pub background: BTreeMap<String, f64>,
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, f64>))]
+    pub background: ByName<f64>,
     /// Natural logarithms of values that mesh wear hardly affects, by name. They separate wear from other
     /// causes.
     ///
@@ -60,8 +62,9 @@ pub struct Features {
     /// | `ln_tooth_kurtosis_n` | the square root of that part's kurtosis |
     ///
     /// Apart from their scatter, none depends on the length of the record.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub checks: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "ByName::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, f64>))]
+    pub checks: ByName<f64>,
     /// The operating point: the speed given or found, and the torque if known.
     #[serde(default)]
     pub operating_point: OperatingPoint,
@@ -117,7 +120,7 @@ impl Features {
 
     /// Inserts one line feature: its `amplitude` and the noise amplitude in it, for a record with this
     /// standard `deviation`.
-    pub(super) fn insert_line(&mut self, name: String, amplitude: f64, noise: Option<f64>, deviation: f64) {
+    pub(super) fn insert_line(&mut self, name: Name, amplitude: f64, noise: Option<f64>, deviation: f64) {
         let floor = AMPLITUDE_FLOOR * deviation;
         if let Some(noise) = noise {
             self.background.insert(name.clone(), noise.max(floor).ln());
@@ -127,13 +130,13 @@ impl Features {
 
     /// Inserts the check of one line of the shaft: its `amplitude` and that of `noise` alone.
     pub(super) fn insert_shaft_line(&mut self, order: usize, amplitude: f64, noise: f64, deviation: f64) {
-        let name = format!("ln_shaft_{order}");
+        let name = format_smolstr!("ln_shaft_{order}");
         self.background.insert(name.clone(), noise.max(AMPLITUDE_FLOOR * deviation).ln());
         self.insert_check(name, amplitude, deviation);
     }
 
     /// Inserts one value that wear hardly affects.
-    pub(super) fn insert_check(&mut self, name: String, amplitude: f64, deviation: f64) {
+    pub(super) fn insert_check(&mut self, name: Name, amplitude: f64, deviation: f64) {
         self.checks.insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
     }
 }

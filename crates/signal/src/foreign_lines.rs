@@ -114,7 +114,7 @@ mod tests {
         let own = [(1.0, 0.3), (10.0, 1.0), (20.0, 0.5), (33.0, 0.2)];
         let foreign = [(17.54, 2.0), (17.54 - 0.9, 0.4), (3.0 * 17.54, 0.7), (2.0 * 17.54 + 0.7, 0.1)];
         let record = AngleRecord {
-            unit: "g".to_owned(),
+            unit: "g".into(),
             samples_per_turn: per_turn,
             turns,
             samples: signal(&[&own[..], &foreign].concat()).into_iter().map(|x| x as f32).collect(),

@@ -4,9 +4,9 @@ use super::analyzer::Analyzer;
 use super::angle_record::AngleRecord;
 use super::features::Features;
 use super::foreign_lines::NEAR_ORDER_BINS;
-use super::gear_indicators::{AngleUsed, GearAnalysis};
+use super::gear_indicators::AngleUsed;
 use super::gear_signals::GearSignals;
-use super::indicators::NotComputed;
+use super::indicators::{Indicators, NotComputed};
 use super::mesh_context::MeshContext;
 use super::order_tracking::AngleRecordResult;
 use super::record::RecordOf;
@@ -27,25 +27,37 @@ impl Analyzer {
 
     /// Computes the indicators over the angle of a record as [`condition`](Self::condition) does.
     #[cfg(test)]
-    pub(super) fn gear_indicators(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> GearAnalysis {
+    pub(super) fn gear_indicators(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+    ) -> (Indicators, Option<AngleUsed>) {
         let located = self.locate(record, mesh);
         let fault = self.analyze_located(record, mesh, &[], &located).features.fault;
         let angle_record = self.angle_record_located(record, mesh, &located, fault);
-        self.gear_indicators_of(mesh, &angle_record)
+        let mut indicators = Indicators::default();
+        let angle = self.insert_gear_indicators(mesh, &angle_record, &mut indicators);
+        (indicators, angle)
     }
 
-    /// Computes the indicators over the angle of a record.
-    pub(super) fn gear_indicators_of(
+    /// Inserts the indicators over the angle of a record, and returns the angle. Those that cannot be
+    /// computed are omitted, with a reason.
+    pub(super) fn insert_gear_indicators(
         &mut self,
         mesh: &MeshContext,
         angle_record: &AngleRecordResult,
-    ) -> GearAnalysis {
+        indicators: &mut Indicators,
+    ) -> Option<AngleUsed> {
         let angle_record = angle_record.as_ref().map_err(|reason| *reason);
-        angle_record
-            .and_then(|(angle_record, refused)| {
-                self.indicate_angle_record(mesh, angle_record, refused.clone())
+        let angle = angle_record.and_then(|(angle_record, refused)| {
+            self.indicate_angle_record(mesh, angle_record, indicators)?;
+            Ok(AngleUsed {
+                source: angle_record.angle,
+                turns: angle_record.turns,
+                tachometer_refused: refused.clone(),
             })
-            .unwrap_or_else(GearAnalysis::absent)
+        });
+        angle.map_err(|reason| indicators.insert_no_angle(reason)).ok()
     }
 
     /// Inserts the checks for differing teeth, if the record has an angle and its mesh was found.
@@ -72,17 +84,15 @@ impl Analyzer {
         &mut self,
         mesh: &MeshContext,
         angle_record: &AngleRecord,
-        refused: Option<String>,
-    ) -> Result<GearAnalysis, NotComputed> {
+        indicators: &mut Indicators,
+    ) -> Result<(), NotComputed> {
         let transforms = &mut self.work.transforms;
         let (line, average) = angle_record.mesh_line_and_average(mesh.teeth, transforms);
         let tracked = line.map(|line| line.amplitude).ok_or(NotComputed::AboveNyquist);
         let signals = split_average(average, angle_record.turns, mesh, transforms)?;
-        let angle =
-            AngleUsed { source: angle_record.angle, turns: angle_record.turns, tachometer_refused: refused };
-        let analysis = GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics);
+        indicators.insert_over_angle(&signals, tracked, self.settings.harmonics);
         signals.recycle(transforms);
-        Ok(analysis)
+        Ok(())
     }
 }
 
@@ -160,11 +170,11 @@ mod tests {
         Analyzer::new(AnalysisSettings::default())
     }
 
-    fn source(analysis: &GearAnalysis) -> Option<AngleSource> {
-        analysis.angle.as_ref().map(|angle| angle.source)
+    fn source(angle: Option<AngleUsed>) -> Option<AngleSource> {
+        angle.map(|angle| angle.source)
     }
 
-    fn tracked(record: &Record) -> GearAnalysis {
+    fn tracked(record: &Record) -> (Indicators, Option<AngleUsed>) {
         analyzer().gear_indicators(record, &MESH)
     }
 
@@ -172,14 +182,14 @@ mod tests {
     /// less than a fifth.
     #[test]
     fn a_swinging_speed_reads_as_a_constant_one() {
-        let constant = tracked(&record(0.0, 0.3)).indicators.values["omx_tracked"];
+        let constant = tracked(&record(0.0, 0.3)).0.values["omx_tracked"];
         assert!((constant - 1.0).abs() < 0.005, "{constant}");
         for (swing, noise) in [(0.05, 0.0), (0.05, 0.3), (0.03, 1.0), (0.01, 0.3), (-0.05, 0.3)] {
             let swept = record(swing, noise);
-            let got = tracked(&swept);
-            let omx = got.indicators.values["omx_tracked"];
-            assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {:?}", got.angle);
-            assert!(matches!(source(&got), Some(AngleSource::MeshPhase { .. })));
+            let (indicators, angle) = tracked(&swept);
+            let omx = indicators.values["omx_tracked"];
+            assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {angle:?}");
+            assert!(matches!(source(angle), Some(AngleSource::MeshPhase { .. })));
             let untracked = analyzer().analyze(&swept, &MESH).indicators.get("omx").unwrap_or(0.0);
             assert!(untracked < 0.5, "{untracked}");
         }
@@ -201,9 +211,9 @@ mod tests {
         let count = pulses.len();
         let tachometer = Tachometer { pulse_times_s: pulses, pulses_per_revolution: 1 };
         let record = record(0.05, 0.3).with_tachometer(Some(tachometer));
-        let got = tracked(&record);
-        assert!(matches!(source(&got), Some(AngleSource::Tachometer { pulses, .. }) if pulses == count));
-        let omx = got.indicators.values["omx_tracked"];
+        let (indicators, angle) = tracked(&record);
+        assert!(matches!(source(angle), Some(AngleSource::Tachometer { pulses, .. }) if pulses == count));
+        let omx = indicators.values["omx_tracked"];
         assert!((omx - 1.0).abs() < 0.01, "{omx}");
         // The modulation's phase is that of the pulses: cos at zero angle.
         let signals = analyzer().gear_signals(&record, &MESH).unwrap();
@@ -217,7 +227,7 @@ mod tests {
     /// Amplitudes put in: mesh 1, sidebands 0.1 each; σ² of the average Σ (1 + 0.02)/2h².
     #[test]
     fn sidebands_and_ratios_match_the_generated_ones() {
-        let got = tracked(&record(0.04, 0.1)).indicators.values;
+        let got = tracked(&record(0.04, 0.1)).0.values;
         let deviation = ((1..=5).map(|h| 1.02 / f64::from(2 * h * h)).sum::<f64>()).sqrt();
         let level = got["sideband_level_factor"];
         assert!((level / (0.2 / deviation) - 1.0).abs() < 0.03, "{level}");
@@ -232,10 +242,10 @@ mod tests {
         let with =
             |samples: Vec<f32>| Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "g", samples).unwrap();
         let reason = |record: &Record, mesh: &MeshContext| {
-            let got = analyzer().gear_indicators(record, mesh);
-            assert!(got.indicators.values.is_empty() && got.angle.is_none());
+            let (indicators, angle) = analyzer().gear_indicators(record, mesh);
+            assert!(indicators.values.is_empty() && angle.is_none());
             let reasons: std::collections::BTreeSet<String> =
-                got.indicators.absent.values().map(|reason| format!("{reason:?}")).collect();
+                indicators.absent.values().map(|reason| format!("{reason:?}")).collect();
             reasons.into_iter().collect::<Vec<_>>().join(" ")
         };
         assert_eq!(reason(&with(noise.clone()), &MESH), "NoSpeed");
@@ -252,7 +262,7 @@ mod tests {
         let fast = OperatingPoint { shaft_speed_hz: Some(500.0), ..OperatingPoint::default() };
         assert_eq!(reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH), "AboveNyquist");
         // A given speed without a trackable line is taken as constant, and reported as such.
-        let got = analyzer().gear_indicators(&with(noise), &exact);
-        assert_eq!(source(&got), Some(AngleSource::ConstantSpeed));
+        let (_, angle) = analyzer().gear_indicators(&with(noise), &exact);
+        assert_eq!(source(angle), Some(AngleSource::ConstantSpeed));
     }
 }

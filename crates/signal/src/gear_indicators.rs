@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::by_name::Name;
 use super::gear_signals::GearSignals;
 use super::indicators::{Indicators, NotComputed};
 use super::shaft_angle::AngleSource;
@@ -40,35 +41,23 @@ pub struct AngleUsed {
     pub tachometer_refused: Option<String>,
 }
 
-/// The indicators of a record over its shaft angle.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct GearAnalysis {
-    /// The indicators. Those that cannot be computed are omitted, with a reason.
-    pub(super) indicators: Indicators,
-    /// The angle, if there is one.
-    pub(super) angle: Option<AngleUsed>,
-}
-
-impl GearAnalysis {
-    /// Returns a result in which all indicators are missing for one reason.
-    pub(super) fn absent(reason: NotComputed) -> Self {
-        let mut analysis = Self::default();
+impl Indicators {
+    /// Inserts one reason for which all indicators over the shaft angle are missing.
+    pub(super) fn insert_no_angle(&mut self, reason: NotComputed) {
         for name in NAMES {
-            analysis.indicators.insert(name, Err(reason));
+            self.insert(Name::new_static(name), Err(reason));
         }
-        analysis
     }
 
-    /// Computes the indicators of a split average and of the mesh line over all turns, with H mesh harmonics
+    /// Inserts the indicators of a split average and of the mesh line over all turns, with H mesh harmonics
     /// in FM0.
-    pub(super) fn of(
+    pub(super) fn insert_over_angle(
+        &mut self,
         signals: &GearSignals,
         tracked: Result<f64, NotComputed>,
-        angle: AngleUsed,
         harmonics: usize,
-    ) -> Self {
-        let mut indicators = Indicators::default();
-        indicators.insert("omx_tracked", tracked);
+    ) {
+        self.insert("omx_tracked", tracked);
         let deviation = mean_power(&signals.average, 2).sqrt();
         let ratio = |above: Option<f64>, below: Option<f64>| match (above, below) {
             (Some(above), Some(below)) if below > ROUNDING * deviation => Ok(above / below),
@@ -76,14 +65,14 @@ impl GearAnalysis {
             _ => Err(NotComputed::AboveNyquist),
         };
         let first = signals.mesh_line(1);
-        indicators.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
-        indicators.insert("sideband_level_factor", ratio(signals.first_sidebands(), Some(deviation)));
+        self.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
+        self.insert("sideband_level_factor", ratio(signals.first_sidebands(), Some(deviation)));
         let (low, high) = signals
             .average
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
         let lines: f64 = (1..=harmonics).map_while(|order| signals.mesh_line(order)).sum();
-        indicators.insert("fm0", ratio(Some(high - low), Some(lines)));
+        self.insert("fm0", ratio(Some(high - low), Some(lines)));
         let difference = mean_power(&signals.difference, 2);
         for (name, power) in [("fm4", 4), ("m6a", 6), ("m8a", 8)] {
             let moment = if difference.sqrt() > ROUNDING * deviation {
@@ -91,15 +80,17 @@ impl GearAnalysis {
             } else {
                 Err(NotComputed::NoSignal)
             };
-            indicators.insert(name, moment);
+            self.insert(name, moment);
         }
         let regular = mean_power(&signals.regular, 2).sqrt();
-        indicators.insert("energy_ratio", ratio(Some(difference.sqrt()), Some(regular)));
-        indicators.insert("residual_variance", Ok(mean_power(&signals.residual, 2)));
-        indicators.insert("residual_fourth_moment", Ok(mean_power(&signals.residual, 4)));
-        indicators.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
-        indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
-        Self { indicators, angle: Some(angle) }
+        self.insert("energy_ratio", ratio(Some(difference.sqrt()), Some(regular)));
+        self.insert("residual_variance", Ok(mean_power(&signals.residual, 2)));
+        self.insert("residual_fourth_moment", Ok(mean_power(&signals.residual, 4)));
+        self.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
+        self.insert(
+            Name::new_static("mesh_envelope_fourth_moment"),
+            Ok(mean_power(&signals.mesh_envelope, 4)),
+        );
     }
 }
 

@@ -10,8 +10,8 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
 use super::{
-    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, Precision, Record, RunMean, RunMeans,
-    Tachometer,
+    AnalysisSettings, Analyzer, Band, BandQuantity, ByName, MeshContext, Precision, Record, RunMean,
+    RunMeans, Tachometer,
 };
 
 #[derive(Deserialize)]
@@ -30,7 +30,7 @@ struct Case {
     samples_per_turn: usize,
     turns: usize,
     order_amplitude: Vec<f64>,
-    indicators: BTreeMap<String, f64>,
+    indicators: ByName<f64>,
     signals: BTreeMap<String, Vec<f64>>,
     psd: Vec<f64>,
     cepstrum: Vec<f64>,
@@ -124,7 +124,7 @@ fn gear_indicators_and_signals_equal_scipy() {
         ] {
             assert_close_over_angle(&format!("{}, {part}", case.name), got, &case.signals[part], largest);
         }
-        let got = analyzer().gear_indicators(&record, &mesh).indicators;
+        let got = analyzer().gear_indicators(&record, &mesh).0;
         assert_eq!(got.values.keys().collect::<Vec<_>>(), case.indicators.keys().collect::<Vec<_>>());
         for (name, want) in &case.indicators {
             assert_indicator_close(&format!("{}, {name}", case.name), got.values[name], *want);
@@ -160,8 +160,8 @@ fn na4_and_nb4_follow_their_definition_after_a_restart() {
     let mut state = RunMeans::default();
     let mut sums = Vec::new();
     for case in cases() {
-        let got = analyzer().gear_indicators(&case.record(), &case.mesh());
-        let run = state.update(&got.indicators);
+        let (got, _) = analyzer().gear_indicators(&case.record(), &case.mesh());
+        let run = state.update(&got);
         let samples = case.samples_per_turn as f64;
         let sum = |part: &str, power: i32| case.signals[part].iter().map(|x| x.powi(power)).sum::<f64>();
         sums.push([sum("residual", 2) / samples, sum("mesh_envelope", 2) / samples]);
@@ -193,7 +193,7 @@ fn gaussian_noise_has_its_normal_moments() {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "g", samples).unwrap();
         let record = record.with_tachometer(Some(tachometer.clone()));
         per_turn = analyzer().angle_record(&record, &mesh).unwrap().samples_per_turn;
-        let got = analyzer().gear_indicators(&record, &mesh).indicators;
+        let got = analyzer().gear_indicators(&record, &mesh).0;
         for (sum, name) in sums.iter_mut().zip(["fm4", "m6a", "m8a"]) {
             *sum += got.values[name] / records as f64;
         }

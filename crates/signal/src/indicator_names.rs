@@ -90,7 +90,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        Analyzer, BandQuantity, BearingOrders, BearingSettings, ConditionSettings, MeshContext, Record,
+        Analyzer, BandQuantity, BearingOrders, BearingSettings, ConditionSettings, MeshContext, Name, Record,
         RunMeans,
     };
 
@@ -104,7 +104,7 @@ mod tests {
         if mesh.teeth > 0 {
             analysed.extend(RunMeans::default().update(&analysed));
         }
-        analysed.values.into_keys().chain(analysed.absent.into_keys()).collect()
+        analysed.values.keys().chain(analysed.absent.keys()).map(Name::to_string).collect()
     }
 
     #[test]

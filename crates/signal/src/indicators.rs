@@ -1,11 +1,10 @@
 //! Condition indicators of one record.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::band::{Band, BandQuantity};
 use super::bearing;
+use super::by_name::{ByName, Name};
 use super::velocity::VELOCITY_RMS;
 
 /// Identifier of the method behind the indicators, and of its precision. Stored indicators with another
@@ -83,22 +82,20 @@ pub enum NotComputed {
 pub struct Indicators {
     /// Value by indicator name.
     #[serde(rename = "indicators")]
-    pub values: BTreeMap<String, f64>,
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, f64>))]
+    pub values: ByName<f64>,
     /// Reason by the name of an indicator that could not be computed.
     #[serde(default)]
-    pub absent: BTreeMap<String, NotComputed>,
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, NotComputed>))]
+    pub absent: ByName<NotComputed>,
 }
 
 impl Indicators {
     /// Inserts a value or the reason why there is none.
-    pub(super) fn insert(&mut self, name: impl Into<String>, value: Result<f64, NotComputed>) {
+    pub(super) fn insert(&mut self, name: impl Into<Name>, value: Result<f64, NotComputed>) {
         match value {
-            Ok(value) => {
-                self.values.insert(name.into(), value);
-            }
-            Err(reason) => {
-                self.absent.insert(name.into(), reason);
-            }
+            Ok(value) => self.values.insert(name, value),
+            Err(reason) => self.absent.insert(name, reason),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The lines of a mesh in one record: harmonics, sidebands and their envelopes.
 
 use serde::Serialize;
+use smol_str::format_smolstr;
 
 use super::features::Features;
 use super::line::{LineReading, MAIN_LOBE_BINS, background, fits, read_line, read_mesh_line, search_reach};
@@ -97,7 +98,7 @@ impl MeshPositions {
                 .sum();
             let Some(energy) = energy else { return };
             let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
-            features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, deviation);
+            features.insert_line(format_smolstr!("ln_sideband_{order}"), energy.sqrt(), noise, deviation);
         }
     }
 
@@ -116,7 +117,7 @@ impl MeshPositions {
             };
             let noise =
                 background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
-            features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, deviation);
+            features.insert_line(format_smolstr!("ln_env_{order}"), line.amplitude, noise, deviation);
         }
     }
 }

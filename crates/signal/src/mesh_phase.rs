@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use flankwatch_fourier::{Complex, FftDirection};
 use pulp::{Arch, Simd, WithSimd};
+use smallvec::SmallVec;
 
 use super::phases::{add_phase_steps, phases_of};
 use super::shaft_angle::{AngleSource, ShaftAngle};
@@ -172,7 +173,7 @@ impl MeshBand<'_> {
 
     /// Returns the angle from the harmonic with the best tracking quality. The first low-pass shows it almost
     /// as well as the last one, so a harmonic is tracked to the end only when it is the best one.
-    fn best(&self, mut begun: Vec<TrackedHarmonic>, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    fn best(&self, mut begun: Begun, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let mut angle = None;
         while angle.is_none()
             && let Some((index, _)) = begun.iter().enumerate().max_by(|(_, a), (_, b)| a.cmp(b))
@@ -182,7 +183,7 @@ impl MeshBand<'_> {
             }
             let best = begun.remove(index);
             if best.is_finished {
-                angle = self.angle(&best);
+                angle = self.angle(&best, transforms);
             }
             best.recycle(transforms);
         }
@@ -192,7 +193,7 @@ impl MeshBand<'_> {
         angle
     }
 
-    fn angle(&self, tracked: &TrackedHarmonic) -> Option<ShaftAngle> {
+    fn angle(&self, tracked: &TrackedHarmonic, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let TrackedHarmonic { harmonic, ratio, orders, first, margin, phase, .. } = tracked;
         let duration_s = self.length as f64 / self.sample_rate_hz;
         let samples = phase.len();
@@ -200,14 +201,15 @@ impl MeshBand<'_> {
         // The band was shifted down to bin 1.
         let shift = |j: usize| TAU * (first - 1) as f64 * j as f64 / samples as f64;
         let start = phase[*margin] + shift(*margin);
-        let revolutions = settled.clone().map(|j| (phase[j] + shift(j) - start) / (TAU * orders)).collect();
-        let times_s = settled.map(|j| j as f64 * duration_s / samples as f64).collect();
+        let [mut revolutions, mut times_s, buffer] = [(); 3].map(|()| transforms.buffer());
+        revolutions.extend(settled.clone().map(|j| (phase[j] + shift(j) - start) / (TAU * orders)));
+        times_s.extend(settled.map(|j| j as f64 * duration_s / samples as f64));
         let source = AngleSource::MeshPhase {
             harmonic: *harmonic,
             line_to_background: *ratio,
             angle_error_deg: tracked.angle_error_deg(),
         };
-        ShaftAngle::through(revolutions, times_s, source).ok()
+        ShaftAngle::through(revolutions, times_s, buffer, source).ok()
     }
 
     /// Returns the analytic signal of the bins `first` to `last`, shifted down to start at bin 1, with at
@@ -254,6 +256,9 @@ impl MeshBand<'_> {
 fn analytic_length(first: usize, last: usize) -> usize {
     (4 * (last - first + 1)).next_power_of_two()
 }
+
+/// The harmonics that are tracked.
+type Begun = SmallVec<[TrackedHarmonic; HARMONICS_WITH_ESTIMATE as usize]>;
 
 /// A harmonic that is tracked, and its phase.
 struct TrackedHarmonic {

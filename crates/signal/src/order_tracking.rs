@@ -169,6 +169,8 @@ impl Analyzer {
             None => None,
         };
         let angle = self.tracked_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((self.resampled(record, mesh, &angle)?.without_other_meshes(mesh), refused))
+        let resampled = self.resampled(record, mesh, &angle);
+        angle.recycle(&mut self.work.transforms);
+        Ok((resampled?.without_other_meshes(mesh), refused))
     }
 }

@@ -19,11 +19,12 @@ pub(super) enum PchipError {
 pub(super) struct Pchip {
     x: Vec<f64>,
     y: Vec<f64>,
-    pieces: Vec<Piece>,
+    /// The slope at each point.
+    slope: Vec<f64>,
 }
 
 /// The cubic between two points.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 struct Piece {
     begin: f64,
     width: f64,
@@ -33,8 +34,9 @@ struct Piece {
 }
 
 impl Pchip {
-    /// Interpolates `y` over strictly ascending `x` of the same length.
-    pub(super) fn new(x: Vec<f64>, y: Vec<f64>) -> Result<Self, PchipError> {
+    /// Interpolates `y` over strictly ascending `x` of the same length. `slope` gives the memory for the
+    /// slopes.
+    pub(super) fn new(x: Vec<f64>, y: Vec<f64>, mut slope: Vec<f64>) -> Result<Self, PchipError> {
         let n = x.len().min(y.len());
         if n < 2 {
             return Err(PchipError::TooFew(n));
@@ -46,31 +48,49 @@ impl Pchip {
         if let Some(index) = (1..n).find(|&i| !rises(i)) {
             return Err(PchipError::NotRising(index));
         }
-        let h: Vec<f64> = x.windows(2).map(|w| w[1] - w[0]).collect();
-        let secant: Vec<f64> = y.windows(2).zip(&h).map(|(w, h)| (w[1] - w[0]) / h).collect();
-        let mut slope = vec![secant[0]; n];
+        let width = |i: usize| x[i + 1] - x[i];
+        let secant = |i: usize| (y[i + 1] - y[i]) / width(i);
+        slope.clear();
+        slope.resize(n, secant(0));
         if n > 2 {
-            slope[0] = end_slope(h[0], h[1], secant[0], secant[1]);
-            slope[n - 1] = end_slope(h[n - 2], h[n - 3], secant[n - 2], secant[n - 3]);
+            slope[0] = end_slope(width(0), width(1), secant(0), secant(1));
+            slope[n - 1] = end_slope(width(n - 2), width(n - 3), secant(n - 2), secant(n - 3));
+            let (mut h_before, mut before) = (width(0), secant(0));
             for i in 1..n - 1 {
-                let (before, after) = (secant[i - 1], secant[i]);
+                let (h, after) = (width(i), secant(i));
                 slope[i] = if before * after > 0.0 {
-                    let (w1, w2) = (2.0 * h[i] + h[i - 1], h[i] + 2.0 * h[i - 1]);
+                    let (w1, w2) = (2.0 * h + h_before, h + 2.0 * h_before);
                     (w1 + w2) / (w1 / before + w2 / after)
                 } else {
                     0.0
                 };
+                (h_before, before) = (h, after);
             }
         }
-        let pieces = (0..n - 1).map(|i| Piece {
-            begin: x[i],
-            width: h[i],
-            value: y[i],
-            rise: y[i + 1] - y[i],
-            slopes: [slope[i], slope[i + 1]],
-        });
-        let pieces = pieces.collect();
-        Ok(Self { x, y, pieces })
+        Ok(Self { x, y, slope })
+    }
+
+    /// Returns the buffers for reuse.
+    pub(super) fn into_buffers(self) -> [Vec<f64>; 3] {
+        [self.x, self.y, self.slope]
+    }
+
+    /// The cubic from point `i` to the next one.
+    #[inline]
+    fn piece(&self, i: usize) -> Piece {
+        Piece {
+            begin: self.x[i],
+            width: self.x[i + 1] - self.x[i],
+            value: self.y[i],
+            rise: self.y[i + 1] - self.y[i],
+            slopes: [self.slope[i], self.slope[i + 1]],
+        }
+    }
+
+    /// The x at which the cubic after the one from point `i` begins, if there is one.
+    #[inline]
+    fn next_begin(&self, i: usize) -> Option<f64> {
+        (i + 2 < self.x.len()).then(|| self.x[i + 1])
     }
 
     /// Returns the x of all points.
@@ -99,7 +119,7 @@ impl Pchip {
     #[inline]
     pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
         self.seek(x, interval);
-        let Piece { begin, width, value, rise, slopes } = self.pieces[*interval];
+        let Piece { begin, width, value, rise, slopes } = self.piece(*interval);
         let t = (x - begin) / width;
         let (u, t2) = (1.0 - t, t * t);
         value + rise * t2 * (3.0 - 2.0 * t) + width * t * u * (slopes[0] * u - slopes[1] * t)
@@ -122,10 +142,11 @@ impl Pchip {
         let (mut steps, mut values) = (steps, values);
         while let Some(first) = steps.first() {
             self.seek(from + first, interval);
-            let end = self.pieces.get(*interval + 1).map_or(f64::INFINITY, |next| next.begin);
+            let end = self.next_begin(*interval).unwrap_or(f64::INFINITY);
             let count = count_below(steps, end - from).max(1);
-            let [constant, linear, square, cube] = self.pieces[*interval].coefficients().map(|c| scale * c);
-            let (begin, per_width) = (self.pieces[*interval].begin, self.pieces[*interval].width.recip());
+            let piece = self.piece(*interval);
+            let [constant, linear, square, cube] = piece.coefficients().map(|c| scale * c);
+            let (begin, per_width) = (piece.begin, piece.width.recip());
             let (here, rest) = values.split_at_mut(count);
             for (value, step) in here.iter_mut().zip(&steps[..count]) {
                 let t = (from + step - begin) * per_width;
@@ -137,8 +158,8 @@ impl Pchip {
 
     #[inline]
     fn seek(&self, x: f64, interval: &mut usize) {
-        while let Some(next) = self.pieces.get(*interval + 1)
-            && x >= next.begin
+        while let Some(begin) = self.next_begin(*interval)
+            && x >= begin
         {
             *interval += 1;
         }
@@ -190,7 +211,7 @@ mod tests {
     /// A straight line and, between inner points, its own points come out.
     #[test]
     fn lines_are_exact() {
-        let line = Pchip::new(vec![0.0, 1.0, 4.0, 5.0], vec![1.0, 3.0, 9.0, 11.0]).unwrap();
+        let line = Pchip::new(vec![0.0, 1.0, 4.0, 5.0], vec![1.0, 3.0, 9.0, 11.0], Vec::new()).unwrap();
         let mut interval = 0;
         for step in 0..=50 {
             let x = f64::from(step) / 10.0;
@@ -201,10 +222,13 @@ mod tests {
 
     #[test]
     fn invalid_points_are_rejected() {
-        assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
-        assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
-        assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));
-        assert_eq!(Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2]), Err(PchipError::NotRising(0)));
+        assert_eq!(Pchip::new(vec![1.0], vec![1.0], Vec::new()), Err(PchipError::TooFew(1)));
+        assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3], Vec::new()), Err(PchipError::NotRising(2)));
+        assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2], Vec::new()), Err(PchipError::NotRising(1)));
+        assert_eq!(
+            Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2], Vec::new()),
+            Err(PchipError::NotRising(0))
+        );
     }
 
     proptest! {
@@ -216,7 +240,7 @@ mod tests {
                 y.push(y[y.len() - 1] + dy);
             }
             let end = x[x.len() - 1];
-            let curve = Pchip::new(x, y).unwrap();
+            let curve = Pchip::new(x, y, Vec::new()).unwrap();
             let (mut interval, mut before) = (0, f64::NEG_INFINITY);
             for step in 0..=1000 {
                 let value = curve.at(end * f64::from(step) / 1000.0, &mut interval);

@@ -67,7 +67,9 @@ impl RecordSpectrum {
 
     /// Removes the mean from the bins and computes the amplitudes.
     fn complete(&mut self, moments: Moments) -> Moments {
-        self.tracked_angle = None;
+        if let Some(Some(angle)) = self.tracked_angle.take() {
+            angle.recycle(&mut self.transforms);
+        }
         // In the unwindowed transform an offset affects this bin only.
         self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);

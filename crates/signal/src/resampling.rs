@@ -107,7 +107,7 @@ impl Resampler {
             kernel.interpolate(centred, positions, resampled);
         }
         Ok(AngleRecord {
-            unit: record.unit().to_owned(),
+            unit: record.unit().into(),
             samples_per_turn,
             turns,
             samples: resampled,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::pchip::{Pchip, PchipError};
+use super::transform::Transforms;
 
 /// Largest ratio of successive pulse intervals: above it a pulse is missing, below its reciprocal there is an
 /// extra one.
@@ -123,7 +124,7 @@ impl ShaftAngle {
                 360.0 * scatter_s * turns / (pulse_times_s[pulse_times_s.len() - 1] - pulse_times_s[0])
             }),
         };
-        Self::through(revolutions, pulse_times_s.to_vec(), source).map_err(|error| match error {
+        Self::through(revolutions, pulse_times_s.to_vec(), Vec::new(), source).map_err(|error| match error {
             PchipError::TooFew(pulses) => PulseError::TooFew(pulses),
             PchipError::NotRising(pulse) => PulseError::NotRising(pulse),
         })
@@ -136,24 +137,30 @@ impl ShaftAngle {
         if !(turns > 0.0 && duration_s > 0.0) {
             return None;
         }
-        Self::through(vec![0.0, turns], vec![0.0, duration_s], AngleSource::ConstantSpeed).ok()
+        Self::through(vec![0.0, turns], vec![0.0, duration_s], Vec::new(), AngleSource::ConstantSpeed).ok()
     }
 
-    /// Interpolates the angle through these points.
+    /// Interpolates the angle through these points, in the memory of `buffer`.
     pub(super) fn through(
         revolutions: Vec<f64>,
         times_s: Vec<f64>,
+        buffer: Vec<f64>,
         source: AngleSource,
     ) -> Result<Self, PchipError> {
-        let time_s = Pchip::new(revolutions, times_s)?;
+        let time_s = Pchip::new(revolutions, times_s, buffer)?;
         Ok(Self { time_s, source })
+    }
+
+    /// Returns the buffers for reuse.
+    pub(super) fn recycle(self, transforms: &mut Transforms) {
+        self.time_s.into_buffers().into_iter().for_each(|buffer| transforms.recycle(buffer));
     }
 
     /// Refers the angle to a shaft that makes `turns` per turn of this one; `None` unless `turns` is
     /// positive.
     pub(super) fn geared(&self, turns: f64) -> Option<Self> {
         let revolutions = self.time_s.nodes().iter().map(|revolution| revolution * turns).collect();
-        Self::through(revolutions, self.time_s.values().to_vec(), self.source.geared(turns)).ok()
+        Self::through(revolutions, self.time_s.values().to_vec(), Vec::new(), self.source.geared(turns)).ok()
     }
 
     /// Returns the source and accuracy of the angle.

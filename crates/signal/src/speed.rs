@@ -91,10 +91,11 @@ impl ShaftSpeed {
 
     /// Returns the doubt as a sentence that asks whether teeth and speed are right, if there is one.
     pub fn doubt_message(&self) -> Option<String> {
+        let doubt = self.doubt?;
         let (shaft_hz, mesh_hz) = (self.shaft_speed_hz, self.mesh_frequency_hz);
         let teeth = mesh_hz / shaft_hz;
         let described = format!("{teeth:.0} × {shaft_hz:.2} Hz");
-        let evidence = match self.doubt? {
+        let evidence = match doubt {
             SpeedDoubt::FewHarmonics => format!(
                 "{} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz ({described}) stand out, expected at least 2",
                 self.harmonics_found, self.harmonics_sought

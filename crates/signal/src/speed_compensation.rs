@@ -91,8 +91,8 @@ pub(super) fn compensate(
     let by_own_phase = (width == LineWidth::Clear)
         .then(|| {
             let first = band.track_known(&mut work.transforms);
-            work.tracked_angle = Some(first.clone());
-            track_by_own_phase(&band, first?, &mut work.transforms)
+            let first = work.tracked_angle.insert(first).as_ref()?;
+            Some(track_by_own_phase(&band, first, &mut work.transforms))
         })
         .flatten();
     let angle = match by_own_phase {
@@ -100,8 +100,13 @@ pub(super) fn compensate(
         Some(angle) => {
             let rough = Fluctuation::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
             let ahead_periods = |part: f64| rough.revolutions(part) * f64::from(mesh.teeth);
-            band.track_with_estimate(&ahead_periods, rough.relative_speed, &mut work.transforms)
-                .unwrap_or(angle)
+            match band.track_with_estimate(&ahead_periods, rough.relative_speed, &mut work.transforms) {
+                Some(better) => {
+                    angle.recycle(&mut work.transforms);
+                    better
+                }
+                None => angle,
+            }
         }
         None => {
             let rough = SpeedFluctuation::of(&band, &mut work.transforms)?;
@@ -111,6 +116,7 @@ pub(super) fn compensate(
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
     // Revolutions ahead of the mean speed.
     let ahead = Fluctuation::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
+    angle.recycle(&mut work.transforms);
     if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < MIN_SWING_TURNS {
         return None;
     }
@@ -161,14 +167,10 @@ fn is_accurate_enough(angle: &ShaftAngle, order: usize) -> bool {
 
 /// Tracks one harmonic by its own phase, a second time from the mean speed: the comb is found where the speed
 /// dwells, which may be an extreme of its swing.
-fn track_by_own_phase(
-    band: &MeshBand<'_>,
-    first: ShaftAngle,
-    transforms: &mut Transforms,
-) -> Option<ShaftAngle> {
+fn track_by_own_phase(band: &MeshBand<'_>, first: &ShaftAngle, transforms: &mut Transforms) -> ShaftAngle {
     let mesh_hz = first.mean_speed_hz() * f64::from(band.teeth);
     let band = MeshBand { mesh_hz, ..*band };
-    Some(band.track_known(transforms).unwrap_or(first))
+    band.track_known(transforms).unwrap_or_else(|| first.clone())
 }
 
 /// Width of the mesh lines over the whole record.
@@ -218,7 +220,7 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
 
 /// How far a shaft is ahead of its mean speed, over the course of a record.
 struct Fluctuation {
-    revolutions: Vec<f64>,
+    revolutions: [f64; Self::STEPS + 1],
     /// Largest relative deviation of the speed from the mean.
     relative_speed: f64,
 }
@@ -229,12 +231,10 @@ impl Fluctuation {
 
     fn of(angle: &ShaftAngle, mean_hz: f64, duration_s: f64) -> Self {
         let step_s = duration_s / Self::STEPS as f64;
-        let revolutions: Vec<f64> = (0..=Self::STEPS)
-            .map(|i| {
-                let t = i as f64 * step_s;
-                angle.revolution(t) - mean_hz * t
-            })
-            .collect();
+        let revolutions = std::array::from_fn(|i| {
+            let t = i as f64 * step_s;
+            angle.revolution(t) - mean_hz * t
+        });
         let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
         Self { revolutions, relative_speed: (fastest / (mean_hz * step_s)).min(0.02) }
     }

@@ -7,6 +7,8 @@
 
 use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
+use smallvec::SmallVec;
+use smol_str::format_smolstr;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;
@@ -56,17 +58,12 @@ pub(super) fn insert_tooth_checks(
         f32::from(u8::from(!is_excluded))
     }));
     let filled = GROUPS.into_iter().filter(|group| *group <= angle_record.turns).take(MAX_GROUPS);
-    let mut levels: [Option<Contrast>; MAX_GROUPS] = [const { None }; MAX_GROUPS];
-    for (level, group) in levels.iter_mut().zip(filled) {
-        *level = Some(Contrast::of(
-            group,
-            teeth,
-            [transforms.complex_buffer(), transforms.complex_buffer()],
-            double.buffer(),
-        ));
-    }
+    let level = |group| {
+        let bins = [transforms.complex_buffer(), transforms.complex_buffer()];
+        Contrast::of(group, teeth, bins, double.buffer())
+    };
+    let mut levels: SmallVec<[Contrast; MAX_GROUPS]> = filled.map(level).collect();
     // The smallest group first: its averages sum to those of the larger ones.
-    let mut levels: Vec<Contrast> = levels.into_iter().flatten().collect();
     levels.reverse();
     let smallest = levels.first().map_or(usize::MAX, |level| level.group);
     let [mut even, mut odd] = [transforms.buffer(), transforms.buffer()];
@@ -92,12 +89,14 @@ pub(super) fn insert_tooth_checks(
             level.add_average(&mask, &mut even, transforms);
         }
     }
+    let mut by_pitch = double.buffer();
     for level in levels {
-        level.insert(features);
+        level.insert(features, &mut by_pitch);
         let Contrast { bins, squares, .. } = level;
         bins.into_iter().for_each(|bins| transforms.recycle_complex(bins));
         double.recycle(squares);
     }
+    double.recycle(by_pitch);
     for buffer in [mask, even, odd] {
         transforms.recycle(buffer);
     }
@@ -172,22 +171,28 @@ impl Contrast {
         self.turns = 0;
     }
 
-    fn insert(&self, features: &mut Features) {
+    fn insert(&self, features: &mut Features, by_pitch: &mut Vec<f64>) {
         let scale = 1.0 / self.averages;
         let [repeated, noise, fourth] = [self.repeated, self.noise, self.fourth].map(|sum| sum * scale);
         let is_finite = [repeated, noise, fourth].iter().all(|sum| sum.is_finite());
         if repeated > self.floor && is_finite {
-            self.insert_check([repeated, noise, fourth], features);
+            self.insert_check([repeated, noise, fourth], features, by_pitch);
         }
     }
 
-    fn insert_check(&self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
+    fn insert_check(
+        &self,
+        [repeated, noise, fourth]: [f64; 3],
+        features: &mut Features,
+        by_pitch: &mut Vec<f64>,
+    ) {
         let turns = self.group;
-        let mut insert_check =
-            |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
+        let mut insert_check = |name: &str, squared: f64| {
+            features.checks.insert(format_smolstr!("{name}_{turns}"), 0.5 * squared.ln())
+        };
         insert_check("ln_tooth_repeated", repeated / noise.max(self.floor));
         insert_check("ln_tooth_kurtosis", fourth / (repeated * repeated));
-        let mut by_pitch = pitch_energies(&self.squares, self.teeth);
+        pitch_energies(&self.squares, self.teeth, by_pitch);
         let worst = by_pitch.iter().copied().fold(0.0, f64::max);
         let middle = by_pitch.len() / 2;
         let (_, median, _) = by_pitch.select_nth_unstable_by(middle, f64::total_cmp);
@@ -241,8 +246,8 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// Returns the mean over one tooth's pitch around each angle of the turn.
-fn pitch_energies(squares: &[f64], teeth: usize) -> Vec<f64> {
+/// Writes the mean over one tooth's pitch around each angle of the turn.
+fn pitch_energies(squares: &[f64], teeth: usize, energies: &mut Vec<f64>) {
     let pitch = (squares.len() / teeth).max(1);
     let mut sum: f64 = squares[..pitch].iter().sum();
     let entering = squares[pitch..].iter().chain(&squares[..pitch]);
@@ -251,7 +256,8 @@ fn pitch_energies(squares: &[f64], teeth: usize) -> Vec<f64> {
         sum += entering - leaving;
         energy
     };
-    entering.zip(squares).map(energy).collect()
+    energies.clear();
+    energies.extend(entering.zip(squares).map(energy));
 }
 
 #[cfg(test)]
@@ -301,7 +307,7 @@ mod tests {
             lines + hit + other * (OTHER_ORDERS * turn).sin() + 0.3 * normal
         });
         let angle_record = AngleRecord {
-            unit: "g".to_owned(),
+            unit: "g".into(),
             samples_per_turn: PER_TURN,
             turns: TURNS,
             samples: samples.map(|x| x as f32).collect(),
@@ -361,7 +367,7 @@ mod tests {
     #[test]
     fn few_teeth_and_few_samples_give_no_checks() {
         let angle_record = AngleRecord {
-            unit: "g".to_owned(),
+            unit: "g".into(),
             samples_per_turn: 48,
             turns: 4,
             samples: vec![1.0; 192],

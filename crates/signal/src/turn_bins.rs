@@ -8,8 +8,9 @@ use std::f64::consts::TAU;
 
 use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
+use smallvec::SmallVec;
 
-use super::angle_record::AngleRecord;
+use super::angle_record::{AngleRecord, MAX_SUMMED_REACH};
 use super::transform::Transforms;
 
 /// Number of turns added at once: each partial sum is loaded and stored once for all of them.
@@ -17,9 +18,6 @@ const TURNS_AT_ONCE: usize = 4;
 
 /// Number of angles added over all turns at once: their partial sums stay in the first-level cache.
 const ANGLES_AT_ONCE: usize = 256;
-
-/// The weights of some turns: cos(2πmt/T) and sin(2πmt/T).
-type Weights = [[f64; TURNS_AT_ONCE]; 2];
 
 /// Returns the bins within `reach` of a shaft's order, of the transform without a window. Leaves the sum over
 /// all turns in `turn_sum`.
@@ -33,22 +31,24 @@ pub(super) fn bins_around(
     let (total, per_turn, turns) = (record.samples.len(), record.samples_per_turn, record.turns);
     let [mut wave, mut part, mut roots] = [(); 3].map(|()| transforms.complex_buffer());
     fill_wave(&mut roots, turns, 1, turns);
-    let mut weights: Vec<Weights> = Vec::with_capacity((reach + 1) * turns.div_ceil(TURNS_AT_ONCE));
-    let mut sums = Vec::with_capacity(reach + 1);
+    let mut weights = transforms.buffer();
+    let mut sums = SmallVec::<[_; MAX_SUMMED_REACH + 1]>::new();
     for m in 0..=reach {
         let root =
             |turn: usize| if turn < turns { roots[m * turn % turns].conj() } else { Complex::default() };
-        weights.extend((0..turns).step_by(TURNS_AT_ONCE).map(|first| {
+        for first in (0..turns).step_by(TURNS_AT_ONCE) {
             let roots: [Complex<f64>; TURNS_AT_ONCE] = std::array::from_fn(|n| root(first + n));
-            [roots.map(|root| root.re), roots.map(|root| root.im)]
-        }));
+            weights.extend(roots.map(|root| root.re));
+            weights.extend(roots.map(|root| root.im));
+        }
         let mut sum = [transforms.buffer(), transforms.buffer()];
         sum.iter_mut().for_each(|sum| sum.resize(per_turn, 0.0));
         sums.push(sum);
     }
     Arch::new().dispatch(TurnSums { samples: &record.samples, turns, weights: &weights, sums: &mut sums });
     fill_wave(&mut wave, per_turn, order * turns, total);
-    let mut bins = vec![Complex::default(); 2 * reach + 1];
+    let mut bins = transforms.complex_buffer();
+    bins.resize(2 * reach + 1, Complex::default());
     for (m, [cos, sin]) in sums.iter().enumerate() {
         fill_wave(&mut part, per_turn, m, total);
         // The parts that bins m and −m have in common, and in which they differ.
@@ -62,7 +62,7 @@ pub(super) fn bins_around(
     }
     // The weights of m = 0 are one.
     std::mem::swap(turn_sum, &mut sums[0][0]);
-    sums.into_iter().flatten().for_each(|sum| transforms.recycle(sum));
+    sums.into_iter().flatten().chain([weights]).for_each(|buffer| transforms.recycle(buffer));
     [wave, part, roots].into_iter().for_each(|buffer| transforms.recycle_complex(buffer));
     bins
 }
@@ -84,8 +84,9 @@ fn fill_wave(wave: &mut Vec<Complex<f64>>, count: usize, k: usize, period: usize
 struct TurnSums<'a> {
     samples: &'a [f32],
     turns: usize,
-    /// The weights of all turns for m = 0, then for m = 1 and so on.
-    weights: &'a [Weights],
+    /// The weights of all turns for m = 0, then for m = 1 and so on: of some turns cos(2πmt/T), then
+    /// sin(2πmt/T).
+    weights: &'a [f64],
     /// The two sums of each m.
     sums: &'a mut [[Vec<f64>; 2]],
 }
@@ -97,6 +98,7 @@ impl WithSimd for TurnSums<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let per_turn = self.samples.len() / self.turns;
         let groups = self.turns.div_ceil(TURNS_AT_ONCE);
+        let (weights, _) = self.weights.as_chunks::<TURNS_AT_ONCE>();
         for first_angle in (0..per_turn).step_by(ANGLES_AT_ONCE) {
             let angles = first_angle..(first_angle + ANGLES_AT_ONCE).min(per_turn);
             for group in 0..groups {
@@ -106,12 +108,13 @@ impl WithSimd for TurnSums<'_> {
                     &self.samples[turn * per_turn..][angles.clone()]
                 });
                 for (m, [cos, sin]) in self.sums.iter_mut().enumerate() {
-                    let weights = &self.weights[m * groups + group];
+                    let first = 2 * (m * groups + group);
+                    let weights = [&weights[first], &weights[first + 1]];
                     let (cos, sin) = (&mut cos[angles.clone()], &mut sin[angles.clone()]);
                     match m {
                         // The sines are zero.
-                        0 => add(turns, [&weights[0]], [cos]),
-                        _ => add(turns, weights.each_ref(), [cos, sin]),
+                        0 => add(turns, [weights[0]], [cos]),
+                        _ => add(turns, weights, [cos, sin]),
                     }
                 }
             }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::record::AnalyzedRecord;
 use crate::report::angle_words;
+use crate::signal::Name;
 
 /// Indicators whose columns come first.
 const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
@@ -11,9 +12,8 @@ const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
 pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let all: BTreeSet<&String> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
-    let others: Vec<&str> =
-        all.into_iter().map(String::as_str).filter(|name| !FIRST.contains(name)).collect();
+    let all: BTreeSet<&Name> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
+    let others: Vec<&str> = all.into_iter().map(Name::as_str).filter(|name| !FIRST.contains(name)).collect();
     let mut header: Vec<&str> = vec![
         "file",
         "channel",

@@ -152,10 +152,8 @@ pub(super) fn simulate(
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use flankwatch_gear::{ContactRule, FlankWear, PairSpec};
-    use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext};
+    use flankwatch_signal::{AnalysisSettings, Analyzer, ByName, MeshContext};
     use flankwatch_wear::library::response_record;
     use rand_distr::{Distribution, StandardNormal};
     use rayon::prelude::*;
@@ -169,7 +167,7 @@ mod tests {
     const NOISE: f64 = 0.03;
 
     /// Returns the checks of the teeth by depth, for pitch errors of this standard deviation.
-    fn checks(contact: ContactRule, pitch_um: f64, seed: u64) -> Vec<BTreeMap<String, f64>> {
+    fn checks(contact: ContactRule, pitch_um: f64, seed: u64) -> Vec<ByName<f64>> {
         let mut spec = PairSpec::from_toml(include_str!("../../../../fixtures/pairs/shen2022.toml")).unwrap();
         (spec.dynamics.contact, spec.dynamics.mesh_damping_ratio) = (contact, 0.08);
         let pair = spec.resolve().unwrap();
@@ -192,8 +190,8 @@ mod tests {
             let mesh = MeshContext::at_exact_speed([pair.gears[0].teeth, 0], run.shaft_speed_hz);
             let record = response_record(&run, &samples).unwrap();
             let features = Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features;
-            let of_teeth = |name: &String| name.starts_with("ln_tooth_") && name.ends_with("_32");
-            features.checks.into_iter().filter(|(name, _)| of_teeth(name)).collect()
+            let of_teeth = |name: &str| name.starts_with("ln_tooth_") && name.ends_with("_32");
+            features.checks.into_iter().filter(|(name, _)| of_teeth(name)).collect::<ByName<f64>>()
         };
         DEPTHS_UM.par_iter().map(checks).collect()
     }

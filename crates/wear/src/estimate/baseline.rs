@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::comparability::Comparability;
-use flankwatch_signal::Features;
+use flankwatch_signal::{Features, Name};
 
 /// Least ratio of a line's healthy amplitude to the noise beside it for the line to be compared.
 const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
@@ -19,7 +19,7 @@ pub(super) const KURTOSIS: &str = "ln_kurtosis";
 /// Healthy values of one feature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct HealthyFeature {
-    pub(super) name: String,
+    pub(super) name: Name,
     /// Value by record.
     pub(super) values: Vec<f32>,
     /// Mean logarithm of the noise amplitude beside it, for a line and for a check that is one.
@@ -55,10 +55,9 @@ impl Baseline {
     pub(super) fn of(records: &[Arc<Features>]) -> Self {
         let stride = records.len().div_ceil(MAX_RECORDS).max(1);
         let records: Vec<&Features> = records.iter().step_by(stride).map(Arc::as_ref).collect();
-        let is_line = |name: &&String| {
-            ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind))
-        };
-        let background = |name: &String| -> Option<f64> {
+        let is_line =
+            |name: &&Name| ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind));
+        let background = |name: &Name| -> Option<f64> {
             let noise: Option<Vec<f64>> =
                 records.iter().map(|record| record.background.get(name).copied()).collect();
             noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64)
@@ -88,7 +87,7 @@ impl Baseline {
             lines: lines.collect(),
             checks: checks.collect(),
             kurtosis: kurtosis.filter(|values| !values.is_empty()).map(|values| HealthyFeature {
-                name: KURTOSIS.to_owned(),
+                name: Name::new_static(KURTOSIS),
                 values,
                 background: None,
             }),

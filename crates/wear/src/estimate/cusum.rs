@@ -5,8 +5,7 @@
 //! deviations. A healthy record lowers the sum by k on average. A lasting deviation z > k reaches any level,
 //! so ten records at 2 standard deviations count for more than one at 4.
 
-use std::collections::BTreeMap;
-
+use flankwatch_signal::ByName;
 use serde::{Deserialize, Serialize};
 
 /// The allowance k in standard deviations: more than errors of the baseline and slow wear cause.
@@ -24,15 +23,15 @@ const OVERSHOOT: f64 = 0.583;
 /// CUSUMs of one measuring channel by check. A copy through JSON continues with bit-identical results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Cusums {
-    sums: BTreeMap<String, f64>,
+    sums: ByName<f64>,
 }
 
 impl Cusums {
     /// Adds the deviations of a record's checks, in standard deviations.
     pub(super) fn update<'a>(&mut self, deviations: impl Iterator<Item = (&'a str, f64)>) {
         for (name, z) in deviations {
-            let sum = self.sums.entry(name.to_owned()).or_insert(0.0);
-            *sum = (*sum + z.min(MAX_DEVIATIONS) - ALLOWANCE).clamp(0.0, MAX_SUM);
+            let sum = self.sums.get(name).copied().unwrap_or(0.0);
+            self.sums.insert(name, (sum + z.min(MAX_DEVIATIONS) - ALLOWANCE).clamp(0.0, MAX_SUM));
         }
     }
 

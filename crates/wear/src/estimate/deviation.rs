@@ -1,9 +1,11 @@
 //! Deviations of a record's values from their expectation, and their probability by chance.
 
+use flankwatch_signal::Name;
+
 /// Deviation of one feature of a record from its expectation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Deviation {
-    pub(super) name: String,
+    pub(super) name: Name,
     /// Measured minus expected natural logarithm.
     pub(super) residual: f64,
     /// Standard deviation of the residual.

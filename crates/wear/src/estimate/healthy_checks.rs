@@ -1,7 +1,5 @@
 //! Healthy checks of one asset: the values that wear hardly changes.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::baseline::{Baseline, HealthyFeature, KURTOSIS};
@@ -10,7 +8,7 @@ use super::deviation::Deviation;
 use super::healthy::SpeedKernels;
 use super::novelty::TEETH;
 use crate::library::Ensemble;
-use flankwatch_signal::Features;
+use flankwatch_signal::{ByName, Features, Name};
 
 /// Standard deviation of the library's error in a check, absolute and as a part of the change. Half of the
 /// library's change is expected, as the sensor's own noise does not change.
@@ -44,7 +42,7 @@ const REPEATED: &str = "ln_tooth_repeated_";
 /// The fit of one check over the baseline's speeds.
 #[derive(Debug, Clone)]
 struct Check {
-    name: String,
+    name: Name,
     kernel: usize,
     /// σ² of one record.
     variance: f64,
@@ -64,7 +62,7 @@ pub(super) struct Drift {
     #[serde(rename = "apart")]
     line_spread: f64,
     /// Offset by check.
-    offsets: BTreeMap<String, f64>,
+    offsets: ByName<f64>,
 }
 
 /// The drift that is allowed for a record.
@@ -294,7 +292,7 @@ mod tests {
     fn teeth_drift_upwards_only_and_within_the_limit() {
         let names = ["ln_tooth_repeated_32", "ln_rest_500hz"];
         let after = |drift: Drift, residual: f64| {
-            let check = |name: &str| Deviation { name: name.to_owned(), residual, deviation: 0.1 };
+            let check = |name: &str| Deviation { name: name.into(), residual, deviation: 0.1 };
             (0..100).fold(drift, |drift, _| drift.after(1.0, 1.0, &names.map(check)))
         };
         let offsets = |drift: &Drift| names.map(|name| drift.at(1.0, 1.0).of(name).0);

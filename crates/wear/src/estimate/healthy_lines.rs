@@ -13,7 +13,7 @@ use super::common_movement::CommonMovement;
 use super::deviation::Deviation;
 use super::healthy::SpeedKernels;
 use crate::library::{MESH_LINES, line_name};
-use flankwatch_signal::Features;
+use flankwatch_signal::{Features, Name};
 
 /// Least standard deviation of a line between records.
 const MIN_SCATTER: f64 = 0.08;
@@ -133,7 +133,7 @@ impl MeasuredLines {
     }
 
     /// Returns the lines' frequencies in hertz by name, for a mesh frequency in hertz.
-    pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(String, f64)> {
+    pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(Name, f64)> {
         let lines = self.lines.iter();
         lines.map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz)).collect()
     }

@@ -5,8 +5,7 @@
 //! lasting, and leaves the kurtosis as it was. A change that grows over many records, differs between bands,
 //! or makes the signal more impulsive comes from the machine.
 
-use std::collections::BTreeMap;
-
+use flankwatch_signal::{ByName, Name};
 use serde::{Deserialize, Serialize};
 
 use super::deviation::{Deviation, chi_square_score};
@@ -51,7 +50,7 @@ const IMPULSIVE_LOGARITHM: f64 = 0.12;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Levels {
     /// By value: level (measured minus healthy) over the explained records, and variance around it.
-    levels: BTreeMap<String, [f32; 2]>,
+    levels: ByName<[f32; 2]>,
     #[serde(rename = "since")]
     last_outcome: Outcome,
 }
@@ -112,7 +111,7 @@ impl Levels {
 
     /// Whether the lines of the highest octave with a noise floor have fallen as far as that floor; `None`
     /// where no line lies there. `frequencies_hz` are the lines' frequencies by name.
-    pub(super) fn lines_fell(&self, values: &[Deviation], frequencies_hz: &[(String, f64)]) -> Option<bool> {
+    pub(super) fn lines_fell(&self, values: &[Deviation], frequencies_hz: &[(Name, f64)]) -> Option<bool> {
         let floors = values.iter().filter(|value| value.name.starts_with("ln_floor_"));
         let octaves = floors
             .filter_map(|floor| Some((octave_hz(&floor.name)?, self.deviation_from_level(floor).residual)));
@@ -128,10 +127,11 @@ impl Levels {
     pub(super) fn add_explained<'a>(&mut self, values: impl Iterator<Item = &'a Deviation>) {
         self.last_outcome = Outcome::Explained;
         for value in values {
-            let [level, variance] = self.levels.entry(value.name.clone()).or_insert([0.0; 2]);
-            let beside = value.residual - f64::from(*level);
-            *level += (NEWEST_PART * beside) as f32;
-            *variance += (NEWEST_PART * (beside * beside - f64::from(*variance))) as f32;
+            let [mut level, mut variance] = self.levels.get(&value.name).copied().unwrap_or([0.0; 2]);
+            let beside = value.residual - f64::from(level);
+            level += (NEWEST_PART * beside) as f32;
+            variance += (NEWEST_PART * (beside * beside - f64::from(variance))) as f32;
+            self.levels.insert(value.name.clone(), [level, variance]);
         }
     }
 
@@ -164,7 +164,7 @@ mod tests {
     }
 
     fn deviation(name: &str, residual: f64) -> Deviation {
-        Deviation { name: name.to_owned(), residual, deviation: 0.05 }
+        Deviation { name: name.into(), residual, deviation: 0.05 }
     }
 
     #[test]
@@ -208,7 +208,7 @@ mod tests {
         let values =
             [("ln_floor_500hz", 0.0), ("ln_floor_4000hz", -1.6), ("ln_mesh_4", 0.4), ("ln_mesh_5", -1.9)];
         let values = values.map(|(name, residual)| deviation(name, residual));
-        let at = |name: &str, hz: f64| (name.to_owned(), hz);
+        let at = |name: &str, hz: f64| (name.into(), hz);
         assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_5", 4700.0)]), Some(true));
         assert_eq!(
             levels.lines_fell(&values, &[at("ln_mesh_4", 3800.0), at("ln_mesh_5", 4700.0)]),

@@ -214,7 +214,7 @@ pub(super) fn judge(
             .into_iter()
             .take(3)
             .map(|d| FeatureDeviation {
-                feature: d.name.clone(),
+                feature: d.name.to_string(),
                 ln_ratio: d.residual,
                 deviations: d.score(),
             })
@@ -285,7 +285,7 @@ mod tests {
     fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {
         let name = |i: usize| format!("{kind}_{}hz", 250 << i);
         let all = residuals.iter().enumerate();
-        all.map(|(i, &residual)| Deviation { name: name(i), residual, deviation: 0.05 }).collect()
+        all.map(|(i, &residual)| Deviation { name: name(i).into(), residual, deviation: 0.05 }).collect()
     }
 
     fn judged(lines: &[f64], floors: &[f64], rests: &[f64]) -> Novelty {
@@ -324,7 +324,7 @@ mod tests {
             let checks =
                 [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
             let checks =
-                checks.map(|(name, residual)| Deviation { name: name.to_owned(), residual, deviation: 0.05 });
+                checks.map(|(name, residual)| Deviation { name: name.into(), residual, deviation: 0.05 });
             judge(
                 &Features::default(),
                 &[Vec::new(), checks.to_vec()],

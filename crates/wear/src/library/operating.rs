@@ -24,7 +24,7 @@ pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> 
         .filter_map(|name| {
             let curve: Option<Vec<f64>> =
                 states.clone().map(|features| features.values.get(name).copied()).collect();
-            Some((name.clone(), curve?))
+            Some((name.to_string(), curve?))
         })
         .collect()
 }

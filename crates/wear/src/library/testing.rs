@@ -1,11 +1,9 @@
 //! A synthetic library for unit tests: curves of known shape, some not monotonic, without a gear model.
 
-use std::collections::BTreeMap;
-
 use super::operating::state_curves;
 use super::{CycleTable, GridSettings, Library, LibraryState, Manifest};
 use flankwatch_gear::{GeometrySpec, OperationSpec, PairSpec};
-use flankwatch_signal::{Features, Indicators};
+use flankwatch_signal::{ByName, Features, Indicators};
 
 type Curve = fn(f64) -> f64;
 
@@ -23,14 +21,10 @@ pub(crate) fn synthetic_library() -> Library {
     let states: Vec<LibraryState> = (0..grid.states)
         .map(|index| {
             let wear_um = grid.wear_um(index);
-            let values: BTreeMap<String, f64> = CURVES
-                .iter()
-                .map(|(name, curve)| ((*name).to_owned(), curve(wear_um / grid.max_wear_um)))
-                .collect();
-            let indicators = Indicators {
-                values: BTreeMap::from([("rms".to_owned(), 1.0 + wear_um)]),
-                absent: BTreeMap::new(),
-            };
+            let values =
+                CURVES.iter().map(|(name, curve)| (*name, curve(wear_um / grid.max_wear_um))).collect();
+            let indicators =
+                Indicators { values: ByName::from([("rms", 1.0 + wear_um)]), absent: ByName::default() };
             LibraryState {
                 index,
                 wear_um,

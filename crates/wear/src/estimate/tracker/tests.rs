@@ -1,8 +1,6 @@
 //! Tests of the fold over records of a synthetic library.
 
-use std::collections::BTreeMap;
-
-use flankwatch_signal::{BearingLine, EnvelopeLine, LineSource};
+use flankwatch_signal::{BearingLine, ByName, EnvelopeLine, LineSource};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -25,7 +23,7 @@ pub(super) fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha
     let lower = ((wear_um / step) as usize).min(states.len() - 2);
     let part = wear_um / step - lower as f64;
     let scatter = Normal::new(0.0, noise).unwrap();
-    let values: BTreeMap<String, f64> = states[lower]
+    let values: ByName<f64> = states[lower]
         .features
         .values
         .iter()
@@ -268,9 +266,10 @@ fn a_part_of_the_library_gives_provisional_answers_and_reports_no_fault() {
             let mut record = seen(&library, 0.0, 0.05, &mut rng);
             if n >= NEED + 3 {
                 // Changes of the lines that no wear explains.
-                for (i, value) in record.values.values_mut().enumerate() {
-                    *value += if i % 2 == 0 { 4.0 } else { -4.0 };
-                }
+                let changed = record.values.into_iter().enumerate();
+                record.values = changed
+                    .map(|(i, (name, value))| (name, value + if i % 2 == 0 { 4.0 } else { -4.0 }))
+                    .collect();
             }
             record
         })

@@ -1,5 +1,6 @@
 //! Members of the ensemble: mesh lines and transmission error of one possible pair over wear.
 
+use flankwatch_signal::Name;
 use serde::{Deserialize, Serialize};
 
 use super::super::Library;
@@ -179,8 +180,8 @@ impl Member {
 }
 
 /// Returns the name of a line's feature.
-pub(crate) fn line_name(line: usize) -> String {
-    format!("ln_mesh_{}", line + 1)
+pub(crate) fn line_name(line: usize) -> Name {
+    format!("ln_mesh_{}", line + 1).into()
 }
 
 /// Relative depths of both gears at the root, the pitch point, the tip and the deepest point.
