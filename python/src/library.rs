@@ -189,7 +189,9 @@ impl Library {
     #[getter]
     fn indicator_names(&self) -> Vec<String> {
         let first = self.library.states().first();
-        first.map(|state| state.indicators.values.keys().map(ToString::to_string).collect()).unwrap_or_default()
+        first
+            .map(|state| state.indicators.values.keys().map(ToString::to_string).collect())
+            .unwrap_or_default()
     }
 
     /// Returns an indicator over the wear states, shape ``(states,)``, NaN for states without it.
