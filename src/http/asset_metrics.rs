@@ -4,7 +4,7 @@ use super::app::App;
 use super::metrics_text::MetricsText;
 use super::problem::Problem;
 use crate::estimate::{AlarmState, Severity};
-use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
+use crate::store::{AlarmFilter, StoredAlarm};
 
 /// Maximum number of alarms shown, most recently changed first.
 const MAX_ALARMS: u32 = 10_000;
@@ -87,32 +87,24 @@ pub(super) async fn assets(
         "Start of the latest record, in seconds since 1970.",
     );
     let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
-    let mut after: Option<LatestRecord> = None;
-    loop {
-        let place = after.as_ref().map(|record| (record.asset.as_str(), record.channel.as_str()));
-        let records = app.service.store.latest_records(place).await?;
-        for record in &records {
-            let labels =
-                |name, value| [("asset", &*record.asset), ("channel", &record.channel), (name, value)];
-            let [low, p25, median, p75, high] = record.wear_um;
-            for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
-                if let Some(value) = value {
-                    text.line("flankwatch_wear_depth_um", &labels("quantile", quantile), value);
-                }
+    for record in &app.service.store.latest_records().await? {
+        let labels = |name, value| [("asset", &*record.asset), ("channel", &record.channel), (name, value)];
+        let [low, p25, median, p75, high] = record.wear_um;
+        for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
+            if let Some(value) = value {
+                text.line("flankwatch_wear_depth_um", &labels("quantile", quantile), value);
             }
-            for (bound, value) in BOUNDS.iter().zip([low, high]) {
-                if let Some(value) = value {
-                    intervals.line("flankwatch_wear_depth_interval_um", &labels("bound", bound), value);
-                }
-            }
-            for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
-                indicators.line("flankwatch_indicator", &labels("indicator", name), value);
-            }
-            let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
-            times.line("flankwatch_last_record_timestamp_seconds", &labels("", "")[..2], seconds);
         }
-        let Some(last) = records.into_iter().last() else { break };
-        after = Some(last);
+        for (bound, value) in BOUNDS.iter().zip([low, high]) {
+            if let Some(value) = value {
+                intervals.line("flankwatch_wear_depth_interval_um", &labels("bound", bound), value);
+            }
+        }
+        for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
+            indicators.line("flankwatch_indicator", &labels("indicator", name), value);
+        }
+        let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
+        times.line("flankwatch_last_record_timestamp_seconds", &labels("", "")[..2], seconds);
     }
     text.append(intervals);
     text.append(indicators);

@@ -17,21 +17,28 @@ impl MetricsText {
             self.0.push(if n == 0 { '{' } else { ',' });
             self.0.push_str(label);
             self.0.push_str("=\"");
-            for part in value.split_inclusive(['\\', '"', '\n']) {
-                let plain = part.trim_end_matches(['\\', '"', '\n']);
-                self.0.push_str(plain);
-                match &part[plain.len()..] {
-                    "\n" => self.0.push_str("\\n"),
-                    "" => {}
-                    sign => self.0.extend(['\\'].into_iter().chain(sign.chars())),
-                }
-            }
+            self.escaped(value);
             self.0.push('"');
         }
         if !labels.is_empty() {
             self.0.push('}');
         }
         let _ = writeln!(self.0, " {value}");
+    }
+
+    fn escaped(&mut self, value: &str) {
+        // Hardly any has one.
+        if !value.bytes().any(|byte| matches!(byte, b'\\' | b'"' | b'\n')) {
+            self.0.push_str(value);
+            return;
+        }
+        for sign in value.chars() {
+            match sign {
+                '\n' => self.0.push_str("\\n"),
+                '\\' | '"' => self.0.extend(['\\', sign]),
+                _ => self.0.push(sign),
+            }
+        }
     }
 
     pub(super) fn single(&mut self, name: &str, kind: &str, help: &str, value: impl std::fmt::Display) {

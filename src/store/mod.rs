@@ -82,6 +82,7 @@ pub use integrity::FoundDamage;
 pub use journal_entry::JournalEntry;
 pub use keyed_uploads::KeyedUpload;
 pub use latest_records::LatestRecord;
+use latest_records::LatestRecordCache;
 pub use maintenance::StoredEvent;
 pub use notification_rows::{Attempt, Notified, PendingNotification};
 pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
@@ -119,6 +120,7 @@ struct Inner {
     disk: Arc<dyn Disk>,
     trends: TrendCache,
     curves: CurveCache,
+    latest_records: LatestRecordCache,
     layouts: Arc<LayoutCache>,
     /// Age at which an unreferenced object is removed; `None` unless other processes share the store, which
     /// may be about to commit a reference to it.
@@ -188,6 +190,7 @@ impl Store {
                 disk,
                 trends: TrendCache::default(),
                 curves: CurveCache::default(),
+                latest_records: LatestRecordCache::default(),
                 layouts: Arc::default(),
                 orphan_age,
                 removal_hold: Mutex::default(),

@@ -35,6 +35,16 @@ impl Dialect {
         }
     }
 
+    /// Joins the texts of all rows.
+    pub(super) fn joined(self, text: &str, separator: &str) -> String {
+        let function = match self {
+            Self::Sqlite => "group_concat",
+            #[cfg(feature = "postgres")]
+            Self::Postgres => "string_agg",
+        };
+        format!("{function}({text}, '{separator}')")
+    }
+
     /// Suffix of a SELECT that locks rows which are going to be changed, or whose dependent rows are, until
     /// the end of the transaction.
     pub(super) fn for_update(self) -> &'static str {

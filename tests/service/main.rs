@@ -20,6 +20,7 @@ mod gear_indicators;
 mod integrations;
 mod live_view;
 mod lost_database;
+mod machine_metrics;
 mod mail;
 mod maintenance;
 mod notifications;
