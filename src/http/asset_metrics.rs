@@ -4,7 +4,7 @@ use super::app::App;
 use super::metrics_text::MetricsText;
 use super::problem::Problem;
 use crate::estimate::{AlarmState, Severity};
-use crate::store::{AlarmFilter, StoredAlarm};
+use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
 
 /// Maximum number of alarms shown, most recently changed first.
 const MAX_ALARMS: u32 = 10_000;
@@ -63,51 +63,49 @@ pub(super) async fn assets(
     wanted: Option<&[&str]>,
     text: &mut MetricsText,
 ) -> Result<(), Problem> {
-    let mut intervals = MetricsText::default();
-    let mut indicators = MetricsText::default();
-    let mut times = MetricsText::default();
+    let records = app.service.store.latest_records().await?;
+    let depth = "flankwatch_wear_depth_um";
+    text.head(depth, "gauge", "Quantiles of the wear depth after the latest record, in micrometres.");
+    for record in &records {
+        let [_, p25, median, p75, _] = record.wear_um;
+        for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
+            if let Some(value) = value {
+                text.line(depth, &labels(record, "quantile", quantile), value);
+            }
+        }
+    }
+    let interval = "flankwatch_wear_depth_interval_um";
     text.head(
-        "flankwatch_wear_depth_um",
-        "gauge",
-        "Quantiles of the wear depth after the latest record, in micrometres.",
-    );
-    intervals.head(
-        "flankwatch_wear_depth_interval_um",
+        interval,
         "gauge",
         "Ends of the 90 % interval of the wear depth after the latest record, in micrometres.",
     );
-    indicators.head(
-        "flankwatch_indicator",
-        "gauge",
-        "Condition indicators of the latest record, in its unit.",
-    );
-    times.head(
-        "flankwatch_last_record_timestamp_seconds",
-        "gauge",
-        "Start of the latest record, in seconds since 1970.",
-    );
-    let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
-    for record in &app.service.store.latest_records().await? {
-        let labels = |name, value| [("asset", &*record.asset), ("channel", &record.channel), (name, value)];
-        let [low, p25, median, p75, high] = record.wear_um;
-        for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
-            if let Some(value) = value {
-                text.line("flankwatch_wear_depth_um", &labels("quantile", quantile), value);
-            }
-        }
+    for record in &records {
+        let [low, _, _, _, high] = record.wear_um;
         for (bound, value) in BOUNDS.iter().zip([low, high]) {
             if let Some(value) = value {
-                intervals.line("flankwatch_wear_depth_interval_um", &labels("bound", bound), value);
+                text.line(interval, &labels(record, "bound", bound), value);
             }
         }
-        for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
-            indicators.line("flankwatch_indicator", &labels("indicator", name), value);
-        }
-        let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
-        times.line("flankwatch_last_record_timestamp_seconds", &labels("", "")[..2], seconds);
     }
-    text.append(intervals);
-    text.append(indicators);
-    text.append(times);
+    let indicator = "flankwatch_indicator";
+    text.head(indicator, "gauge", "Condition indicators of the latest record, in its unit.");
+    let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
+    for record in &records {
+        for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
+            text.line(indicator, &labels(record, "indicator", name), value);
+        }
+    }
+    let time = "flankwatch_last_record_timestamp_seconds";
+    text.head(time, "gauge", "Start of the latest record, in seconds since 1970.");
+    for record in &records {
+        let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
+        text.line(time, &labels(record, "", "")[..2], seconds);
+    }
     Ok(())
+}
+
+/// The labels of a record's line: its asset, its channel, and one more.
+fn labels<'a>(record: &'a LatestRecord, name: &'a str, value: &'a str) -> [(&'a str, &'a str); 3] {
+    [("asset", &record.asset), ("channel", &record.channel), (name, value)]
 }

@@ -46,10 +46,6 @@ impl MetricsText {
         self.line(name, &[], value);
     }
 
-    pub(super) fn append(&mut self, other: Self) {
-        self.0.push_str(&other.0);
-    }
-
     pub(super) fn into_string(self) -> String {
         self.0
     }

@@ -56,9 +56,9 @@ impl Pchip {
             slope[0] = end_slope(width(0), width(1), secant(0), secant(1));
             slope[n - 1] = end_slope(width(n - 2), width(n - 3), secant(n - 2), secant(n - 3));
             let (mut h_before, mut before) = (width(0), secant(0));
-            for i in 1..n - 1 {
+            for (i, slope) in slope.iter_mut().enumerate().take(n - 1).skip(1) {
                 let (h, after) = (width(i), secant(i));
-                slope[i] = if before * after > 0.0 {
+                *slope = if before * after > 0.0 {
                     let (w1, w2) = (2.0 * h + h_before, h + 2.0 * h_before);
                     (w1 + w2) / (w1 / before + w2 / after)
                 } else {
