@@ -312,7 +312,7 @@ mod tests {
         let columns = Columns::of(&reading, "features", "a record").unwrap();
         assert_eq!(read::<Reading>(&columns).unwrap(), reading);
         let error = read::<Vec<f64>>(&columns).unwrap_err().to_string();
-        assert!(error.contains("features"), "{error}");
+        assert!(error.contains("indicators"), "{error}");
         // A list with more entries than the type has.
         let columns = Columns::of(&[0.5, 0.25, 0.125], "features", "a record").unwrap();
         assert!(read::<[f64; 2]>(&columns).is_err());
