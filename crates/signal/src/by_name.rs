@@ -80,11 +80,6 @@ impl<V> ByName<V> {
         self.entries.iter().map(|(_, value)| value)
     }
 
-    /// Removes the entries for which `keep` returns false.
-    pub fn retain(&mut self, mut keep: impl FnMut(&str, &V) -> bool) {
-        self.entries.retain(|(name, value)| keep(name, value));
-    }
-
     fn position(&self, name: &str) -> Result<usize, usize> {
         self.entries.binary_search_by(|(other, _)| other.as_str().cmp(name))
     }

@@ -94,8 +94,7 @@ impl MeshBand<'_> {
             let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
             self.begin(harmonic, reach_hz, Some(ahead_periods), transforms)
         });
-        let begun = begun.collect();
-        self.best(begun, transforms)
+        self.best(begun.collect(), transforms)
     }
 
     fn track(
@@ -105,8 +104,7 @@ impl MeshBand<'_> {
     ) -> Option<ShaftAngle> {
         let begun = (1..=HARMONICS)
             .filter_map(|harmonic| self.begin(harmonic, reach_hz(f64::from(harmonic))?, None, transforms));
-        let begun = begun.collect();
-        self.best(begun, transforms)
+        self.best(begun.collect(), transforms)
     }
 
     /// Begins to track one harmonic in the band of ± `reach_hz` around its expected frequency.
@@ -173,7 +171,7 @@ impl MeshBand<'_> {
 
     /// Returns the angle from the harmonic with the best tracking quality. The first low-pass shows it almost
     /// as well as the last one, so a harmonic is tracked to the end only when it is the best one.
-    fn best(&self, mut begun: Begun, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    fn best(&self, mut begun: TrackedHarmonics, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let mut angle = None;
         while angle.is_none()
             && let Some((index, _)) = begun.iter().enumerate().max_by(|(_, a), (_, b)| a.cmp(b))
@@ -258,7 +256,7 @@ fn analytic_length(first: usize, last: usize) -> usize {
 }
 
 /// The harmonics that are tracked.
-type Begun = SmallVec<[TrackedHarmonic; HARMONICS_WITH_ESTIMATE as usize]>;
+type TrackedHarmonics = SmallVec<[TrackedHarmonic; HARMONICS_WITH_ESTIMATE as usize]>;
 
 /// A harmonic that is tracked, and its phase.
 struct TrackedHarmonic {
