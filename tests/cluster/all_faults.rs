@@ -191,9 +191,7 @@ fn all_faults_at_once_lose_nothing() {
     }
     let messages = rounds() * MESSAGES;
     for asset in ["fan", "pinion"] {
-        steady
-            .client
-            .wait_for(&format!("/v1/assets/{asset}"), |asset| asset["summary"]["segments"] == messages);
+        steady.client.wait_for_segments(asset, messages);
     }
     let began = Instant::now();
     while dead_letters(&parts.site) < u64::from(rounds()) {

@@ -105,6 +105,36 @@ impl Client {
         }
     }
 
+    /// Waits until an asset has this many segments, for as long as their number changes.
+    #[track_caller]
+    pub(super) fn wait_for_segments(&self, asset: &str, count: impl TryInto<u64>) {
+        let count = count.try_into().ok().unwrap();
+        let (mut found, mut changed) = (None, Instant::now());
+        while found != Some(count) {
+            let answer = self.try_send("GET", &format!("/v1/assets/{asset}"), "application/json", b"");
+            let now = answer.and_then(|(_, answer)| answer["summary"]["segments"].as_u64());
+            if now.is_some() && now != found {
+                (found, changed) = (now, Instant::now());
+            }
+            assert!(
+                changed.elapsed() < Duration::from_secs(120),
+                "{asset} has {found:?} of {count} segments; {}",
+                self.queue_metrics()
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// The state of the queue and its workers.
+    fn queue_metrics(&self) -> String {
+        let Some((_, Value::String(text))) = self.try_send("GET", "/metrics", "text/plain", b"") else {
+            return "no metrics".to_owned();
+        };
+        let prefixes = ["flankwatch_queue", "flankwatch_workers", "flankwatch_dead_letters"];
+        let lines = text.lines().filter(|line| prefixes.iter().any(|prefix| line.starts_with(prefix)));
+        lines.collect::<Vec<_>>().join(", ")
+    }
+
     /// Returns all values of all records in time order.
     pub(super) fn history(&self, asset: &str) -> Vec<Value> {
         let mut rows = Vec::new();

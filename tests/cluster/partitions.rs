@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use async_nats::jetstream::consumer::{PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, RetentionPolicy};
 use futures_util::StreamExt;
-use serde_json::json;
 
 use super::client::Client;
 use super::nodes::{OneMachine, TestCluster};
@@ -26,7 +25,7 @@ fn send_all(client: &Client, n: u32) {
 fn send_in_turn(client: &Client, rounds: std::ops::Range<u32>) {
     for n in rounds {
         send_all(client, n);
-        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == (n + 1) * CHANNELS);
+        client.wait_for_segments("pump", (n + 1) * CHANNELS);
     }
 }
 
@@ -93,7 +92,7 @@ fn the_partitions_of_a_killed_worker_are_taken_over() {
     (5..10).for_each(|n| send_all(&api.client, n));
     assert_ne!(owned(1), Some(64), "its lease has not expired");
     wait_for_all(1);
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 10 * CHANNELS);
+    api.client.wait_for_segments("pump", 10 * CHANNELS);
     let machine = OneMachine::start();
     machine.client().send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     (0..10).for_each(|n| send_all(&machine.client(), n));
@@ -149,15 +148,14 @@ fn records_of_a_version_without_partitions_are_stored() {
         }
         assert_eq!(count, 10);
     });
-    let all = |count: u32| json!(count * CHANNELS);
     cluster.start_worker();
-    client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == all(3));
+    client.wait_for_segments("pump", 3 * CHANNELS);
     // An earlier worker that connects again makes the consumer one of all records.
     cluster.on_server(async |jetstream, name| {
         earlier_consumer(&jetstream, name).await;
     });
     (3..6).for_each(|n| send_all(&client, n));
-    client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == all(6));
+    client.wait_for_segments("pump", 6 * CHANNELS);
     cluster.start_worker();
     cluster.wait_for_partitions(&[32, 32]);
     let filter = cluster.on_server(async |jetstream, name| {

@@ -27,7 +27,7 @@ fn a_full_queue_rejects_records_until_it_has_room() {
     assert!(health["parts"]["queue_server"].as_str().unwrap().contains("5 of 5"), "{health}");
     let _worker = site.worker(&config);
     api.client.upload("pump", &record("1", 5));
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 6);
+    api.client.wait_for_segments("pump", 6);
     api.wait_for_readiness(200);
 }
 
@@ -59,7 +59,7 @@ fn a_record_that_cannot_be_stored_becomes_a_dead_letter_with_its_reason() {
     // Later records are not blocked.
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(answer["state"], json!("queued"));
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for_segments("pump", 1);
 }
 
 /// Waits for a dead letter of a segment and returns its reason.
@@ -121,7 +121,7 @@ fn a_dead_record_that_is_sent_again_is_stored() {
     for _ in 0..2 {
         assert_eq!(api.client.upload("pump", &record("1", 1))["id"], answer["id"]);
     }
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for_segments("pump", 1);
 }
 
 /// Waits until a worker has logged that it retries `count` records.
@@ -172,7 +172,7 @@ fn records_wait_while_the_databases_disk_is_full_even_if_workers_die() {
     }
     assert_eq!(api.client.get("/v1/assets/pump")["summary"]["segments"], 0);
     site.database.set_full(false);
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 4);
+    api.client.wait_for_segments("pump", 4);
     assert_eq!(dead_letters(&site), 0);
 }
 
@@ -243,7 +243,7 @@ fn operators_inspect_the_queue_and_retry_or_drop_dead_letters() {
     let mended = letters[0]["record"]["start_time"].as_str().unwrap();
     let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
     api.client.upload("pump", &record("1", n));
-    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for_segments("pump", 1);
     assert_eq!(
         json_of(&config, &["dead-letters", "retry", &number])["retried"],
         json!([letters[0]["number"]])

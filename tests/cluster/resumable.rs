@@ -51,7 +51,7 @@ fn plain_upload(recording: &[u8]) -> Vec<Value> {
 /// Waits until all records are stored, and compares them with those of a plain upload.
 #[track_caller]
 fn compare(client: &Client, recording: &[u8], count: usize) {
-    client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == count);
+    client.wait_for_segments("pump", count);
     let expected = plain_upload(recording);
     client.wait_for("/v1/assets/pump/indicators?max_points=200000&channel=1", |rows| {
         rows["items"] == expected[1]

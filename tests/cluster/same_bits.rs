@@ -54,9 +54,8 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
         }
     });
     assert!(redelivered >= all.len(), "{redelivered} messages");
-    let count = json!(all.len());
     for node in &nodes {
-        node.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == count);
+        node.wait_for_segments("pump", all.len());
     }
     let began = std::time::Instant::now();
     while cluster.waiting() > 0 {
@@ -142,7 +141,7 @@ fn a_changed_description_is_applied_by_a_worker() {
         for record in records("1", 20) {
             client.upload("pump", &record);
         }
-        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 20);
+        client.wait_for_segments("pump", 20);
     }
     // No worker is running; a later one applies the change.
     cluster.stop_worker();

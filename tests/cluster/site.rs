@@ -199,7 +199,7 @@ impl Uploads {
             client.upload("pump", &record("1", n));
             alone.upload("pump", &record("1", n));
         }
-        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == sent);
+        client.wait_for_segments("pump", sent);
         let expected = alone.history("pump");
         client.wait_for("/v1/assets/pump/indicators?max_points=200000&channel=1", |rows| {
             rows["items"] == expected[1]

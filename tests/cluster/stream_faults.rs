@@ -135,7 +135,7 @@ fn check_records(client: &Client, clock: &SenderClock, end: u64) {
         status["records_waiting"] == 0 && status["records"] == number
     });
     assert_eq!(status["gaps"], 0);
-    client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == number);
+    client.wait_for_segments("pump", number);
     let page = client.get("/v1/assets/pump/segments?limit=1000");
     let mut records = page["items"].as_array().unwrap().clone();
     assert_eq!(records.len() as u64, number);

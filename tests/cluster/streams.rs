@@ -50,7 +50,7 @@ fn records(client: &Client, number: usize, loud_from: u64) -> Vec<(u64, u64)> {
     client.wait_for("/v1/assets/pump/stream", |status| {
         status["records_waiting"] == 0 && status["records"] == number
     });
-    client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == number);
+    client.wait_for_segments("pump", number);
     let page = client.get("/v1/assets/pump/segments?limit=1000");
     let mut found = Vec::new();
     for record in page["items"].as_array().unwrap() {

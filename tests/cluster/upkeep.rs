@@ -17,13 +17,13 @@ fn upkeep_analyses_earlier_records_for_a_new_asset_of_the_sensor() {
     for n in 0..8 {
         node.upload("first", &record("in", n));
     }
-    node.wait_for("/v1/assets/first", |asset| asset["summary"]["segments"] == 8);
+    node.wait_for_segments("first", 8);
     let mut second = plain_asset("second");
     second["gear"] = json!({ "teeth": [17, 50], "shaft_speed_hz": 5.0, "shaft_ratio": [31, 62] });
     second["sensor"]["of"] = json!("first");
     let second = serde_json::from_value(second).unwrap();
     cluster.behind_their_backs(async |store| store.insert_asset(&second, None, minute(0)).await.unwrap());
-    node.wait_for("/v1/assets/second", |asset| asset["summary"]["segments"] == 8);
+    node.wait_for_segments("second", 8);
     let late = cluster.behind_their_backs(async |store| {
         for _ in 0..200 {
             let late = store.late_members(10).await.unwrap();
@@ -80,7 +80,7 @@ fn old_objects_in_the_queue_are_kept_and_unreferenced_ones_are_quarantined() {
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(quarantined(&cluster), [orphan]);
     cluster.start_worker();
-    node.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 3);
+    node.wait_for_segments("pump", 3);
 }
 
 #[test]
