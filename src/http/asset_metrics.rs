@@ -1,7 +1,7 @@
 //! The metrics of each asset in `GET /metrics/machines`.
 
 use super::app::App;
-use super::metrics_text::MetricsText;
+use super::metrics_text::{ChannelLabels, MetricsText};
 use super::problem::Problem;
 use crate::estimate::{AlarmState, Severity};
 use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
@@ -63,14 +63,16 @@ pub(super) async fn assets(
     wanted: Option<&[&str]>,
     text: &mut MetricsText,
 ) -> Result<(), Problem> {
-    let records = app.service.store.latest_records().await?;
+    let latest = app.service.store.latest_records().await?;
+    let records: Vec<(ChannelLabels, &LatestRecord)> =
+        latest.iter().map(|record| (ChannelLabels::new(&record.asset, &record.channel), &**record)).collect();
     let depth = "flankwatch_wear_depth_um";
     text.head(depth, "gauge", "Quantiles of the wear depth after the latest record, in micrometres.");
-    for record in &records {
+    for (channel, record) in &records {
         let [_, p25, median, p75, _] = record.wear_um;
         for (quantile, value) in QUANTILES.iter().zip([p25, median, p75]) {
             if let Some(value) = value {
-                text.line(depth, &labels(record, "quantile", quantile), value);
+                text.channel_line(depth, channel, ("quantile", quantile), value);
             }
         }
     }
@@ -80,32 +82,27 @@ pub(super) async fn assets(
         "gauge",
         "Ends of the 90 % interval of the wear depth after the latest record, in micrometres.",
     );
-    for record in &records {
+    for (channel, record) in &records {
         let [low, _, _, _, high] = record.wear_um;
         for (bound, value) in BOUNDS.iter().zip([low, high]) {
             if let Some(value) = value {
-                text.line(interval, &labels(record, "bound", bound), value);
+                text.channel_line(interval, channel, ("bound", bound), value);
             }
         }
     }
     let indicator = "flankwatch_indicator";
     text.head(indicator, "gauge", "Condition indicators of the latest record, in its unit.");
     let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
-    for record in &records {
+    for (channel, record) in &records {
         for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
-            text.line(indicator, &labels(record, "indicator", name), value);
+            text.channel_line(indicator, channel, ("indicator", name), *value);
         }
     }
     let time = "flankwatch_last_record_timestamp_seconds";
     text.head(time, "gauge", "Start of the latest record, in seconds since 1970.");
-    for record in &records {
+    for (_, record) in &records {
         let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
-        text.line(time, &labels(record, "", "")[..2], seconds);
+        text.line(time, &[("asset", &record.asset), ("channel", &record.channel)], seconds);
     }
     Ok(())
-}
-
-/// The labels of a record's line: its asset, its channel, and one more.
-fn labels<'a>(record: &'a LatestRecord, name: &'a str, value: &'a str) -> [(&'a str, &'a str); 3] {
-    [("asset", &record.asset), ("channel", &record.channel), (name, value)]
 }

@@ -5,7 +5,7 @@
 //! `scipy_signal.py` in this folder does a part of `condition` in SciPy.
 
 use std::hint::black_box;
-use std::sync::OnceLock;
+use std::sync::{Barrier, OnceLock};
 use std::time::{Duration, Instant};
 
 use flankwatch_fourier::Planned;
@@ -159,4 +159,43 @@ fn main() {
         );
     }
     println!("a copy of the answer of `condition` takes {} allocations", own.count_total);
+    let transform_ms = on_all_cores_ms(|| {
+        let (mut input, mut output, mut scratch) =
+            (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
+        let (plan, samples) = (&plan, &samples);
+        move || {
+            input.copy_from_slice(samples);
+            plan.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths of the plan");
+            black_box(&output);
+        }
+    });
+    let condition_ms = on_all_cores_ms(|| {
+        let (mut analyzer, record, settings) = (analyzer(), &record, &settings);
+        move || {
+            black_box(analyzer.condition(record, settings));
+        }
+    });
+    println!("on all cores at once: {transform_ms:.3} ms one real transform, {condition_ms:.3} ms condition");
+}
+
+/// Milliseconds that each core takes for a task while all others have the same one, in the best of some rounds.
+fn on_all_cores_ms<T: FnMut()>(task: impl Fn() -> T + Sync) -> f64 {
+    const REPEATS: u32 = 40;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let round = |_| {
+        let start = Barrier::new(cores);
+        std::thread::scope(|scope| {
+            let timed = || {
+                let mut task = task();
+                task();
+                start.wait();
+                let began = Instant::now();
+                (0..REPEATS).for_each(|_| task());
+                1e3 * began.elapsed().as_secs_f64() / f64::from(REPEATS)
+            };
+            let threads: Vec<_> = (0..cores).map(|_| scope.spawn(timed)).collect();
+            threads.into_iter().map(|thread| thread.join().expect("a task ends")).fold(0.0, f64::max)
+        })
+    };
+    (0..5).map(round).fold(f64::INFINITY, f64::min)
 }

@@ -338,10 +338,17 @@ impl Packed {
 
     /// Replaces all values by as many others.
     fn set(&mut self, values: &[f32]) {
+        Arch::new().dispatch(|| self.set_vectorised(values));
+    }
+
+    #[inline(always)]
+    fn set_vectorised(&mut self, values: &[f32]) {
         let (eights, rest) = values.as_chunks::<8>();
         let mut highest = [f32::MIN_POSITIVE; 8];
         for eight in eights {
-            highest.iter_mut().zip(eight).for_each(|(highest, value)| *highest = highest.max(*value));
+            for (highest, value) in highest.iter_mut().zip(eight) {
+                *highest = if value > highest { *value } else { *highest };
+            }
         }
         let highest = highest.iter().chain(rest).copied().fold(f32::MIN_POSITIVE, f32::max);
         let scale = 1.0 / highest;
@@ -357,7 +364,7 @@ impl Packed {
             0 => 0.0,
             packed => f32::from_bits((u32::from(*packed) << DROPPED_BITS) + MIN_EXPONENT),
         };
-        self.0.iter().map(value).collect()
+        Arch::new().dispatch(|| self.0.iter().map(value).collect())
     }
 }
 
