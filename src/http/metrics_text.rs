@@ -102,11 +102,11 @@ mod tests {
     #[test]
     fn lines_of_a_channel_are_those_of_all_its_labels() {
         let channel = ChannelLabels::new("pump \"A\"", "1");
-        for value in [1.25, -3e-7, 1e300] {
+        for (value, written) in [(1.25, "1.25"), (2.0, "2.0"), (-3e-7, "-3e-7"), (1e300, "1e+300")] {
             let (mut text, mut expected) = (MetricsText::default(), MetricsText::default());
             text.channel_line("rms", &channel, ("unit", "a\\b"), value);
             let labels = [("asset", "pump \"A\""), ("channel", "1"), ("unit", "a\\b")];
-            expected.line("rms", &labels, format_args!("{value:?}"));
+            expected.line("rms", &labels, written);
             assert_eq!(text.into_string(), expected.into_string());
         }
     }
