@@ -70,21 +70,22 @@ fn main() {
     };
     let with_pulses = record.clone().with_tachometer(Some(tachometer));
     let plan = f64::forward_plan(SAMPLES);
-    let (mut input, mut output, mut scratch) =
-        (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();
+    let transform = || {
+        let (mut input, mut output, mut scratch) =
+            (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
+        let (plan, samples) = (&plan, &samples);
+        move || {
+            input.copy_from_slice(samples);
+            plan.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths of the plan");
+            black_box(&output);
+        }
+    };
 
     let settings =
         ConditionSettings { mesh, bands: &[], gear_indicators: true, bearings: BearingSettings::default() };
     let mut tasks: Vec<Task> = Vec::new();
-    tasks.push((
-        TRANSFORM,
-        Box::new(|| {
-            input.copy_from_slice(&samples);
-            plan.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths of the plan");
-            black_box(&output);
-        }),
-    ));
+    tasks.push((TRANSFORM, Box::new(transform())));
     tasks.push((
         "part: moments, that transform and the Hann amplitudes",
         Box::new(|| {
@@ -159,16 +160,7 @@ fn main() {
         );
     }
     println!("a copy of the answer of `condition` takes {} allocations", own.count_total);
-    let transform_ms = on_all_cores_ms(|| {
-        let (mut input, mut output, mut scratch) =
-            (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
-        let (plan, samples) = (&plan, &samples);
-        move || {
-            input.copy_from_slice(samples);
-            plan.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths of the plan");
-            black_box(&output);
-        }
-    });
+    let transform_ms = on_all_cores_ms(transform);
     let condition_ms = on_all_cores_ms(|| {
         let (mut analyzer, record, settings) = (analyzer(), &record, &settings);
         move || {

@@ -87,16 +87,6 @@ impl<'a> Expectations<'a> {
         &self.lines
     }
 
-    /// Whether the torque is not the described one.
-    pub(super) fn is_loaded(&self) -> bool {
-        self.load.is_some()
-    }
-
-    /// Whether the members' errors at an inspection are known.
-    pub(super) fn is_anchored(&self) -> bool {
-        self.reference.anchor.is_some()
-    }
-
     /// Number of members.
     pub(super) fn members(&self) -> usize {
         self.ensemble.members().len()
@@ -106,7 +96,7 @@ impl<'a> Expectations<'a> {
     pub(super) fn deviations(&self, (member, depth): (usize, usize)) -> Vec<Deviation> {
         let (block, lane) = (self.block(member / LANES), member % LANES);
         let deviation = |(index, line): (usize, &&MeasuredLine)| {
-            let [expected, variance] = block.expect(index, depth);
+            let [expected, variance] = block.expect(index, depth, &block.own_variance(depth));
             let residual = line.change - f64::from(expected[lane]);
             residual.is_finite().then(|| Deviation {
                 name: line_name(line.index),
@@ -151,33 +141,16 @@ impl<'a> Expectations<'a> {
 }
 
 impl Block<'_> {
-    /// Returns the expected change of a line at a depth for each member, and its variance.
-    fn expect(&self, line: usize, depth: usize) -> [Lanes; 2] {
-        let own = self.own_variance(depth);
-        match (self.load, &self.correlation) {
-            (None, None) => self.expect_in::<false, false>(line, depth, &own),
-            (None, Some(_)) => self.expect_in::<false, true>(line, depth, &own),
-            (Some(_), None) => self.expect_in::<true, false>(line, depth, &own),
-            (Some(_), Some(_)) => self.expect_in::<true, true>(line, depth, &own),
-        }
-    }
-
     /// Returns the variance of each member's own error at a depth, the same for all lines.
     #[inline(always)]
     pub(super) fn own_variance(&self, depth: usize) -> Lanes {
         self.variance[depth].map(|own| self.variance_factor * own)
     }
 
-    /// Returns the expected change of a line at a depth for each member, and its variance, where it is known
-    /// whether the record is `LOADED` by another torque and `ANCHORED` to an inspection: both would otherwise
-    /// be asked for each number.
+    /// Returns the expected change of a line at a depth for each member, and its variance, from the variance
+    /// of each member's own error there.
     #[inline(always)]
-    pub(super) fn expect_in<const LOADED: bool, const ANCHORED: bool>(
-        &self,
-        line: usize,
-        depth: usize,
-        own_variance: &Lanes,
-    ) -> [Lanes; 2] {
+    pub(super) fn expect(&self, line: usize, depth: usize, own_variance: &Lanes) -> [Lanes; 2] {
         let BlockLine { changes, reference, floor, error } = &self.lines[line];
         let (mut expected, mut variance) = (changes[depth], *own_variance);
         for lane in 0..LANES {
@@ -185,7 +158,7 @@ impl Block<'_> {
             // In place of `max`, which takes three instructions.
             expected[lane] = if change > *floor { change } else { *floor };
         }
-        if LOADED && let Some(load) = self.load {
+        if let Some(load) = self.load {
             let (lower, part) = load.place(depth);
             let [before, after] = [&changes[lower], &changes[lower + 1]];
             for lane in 0..LANES {
@@ -195,7 +168,7 @@ impl Block<'_> {
                 variance[lane] += deviation * deviation;
             }
         }
-        if ANCHORED && let (Some(error), Some(correlation)) = (error, &self.correlation) {
+        if let (Some(error), Some(correlation)) = (error, &self.correlation) {
             let correlation = &correlation[depth];
             for lane in 0..LANES {
                 expected[lane] += correlation[lane] * error[lane];

@@ -80,25 +80,13 @@ impl WithSimd for Comparison<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Likelihood {
-        match (self.expectations.is_loaded(), self.expectations.is_anchored()) {
-            (false, false) => self.compare::<false, false>(),
-            (false, true) => self.compare::<false, true>(),
-            (true, false) => self.compare::<true, false>(),
-            (true, true) => self.compare::<true, true>(),
-        }
-    }
-}
-
-impl Comparison<'_> {
-    #[inline(always)]
-    fn compare<const LOADED: bool, const ANCHORED: bool>(&self) -> Likelihood {
         let scale: f32 = self.lines.iter().map(|line| line.half_log_factor).sum();
         let mut log = vec![0.0; self.expectations.members() * DEPTHS];
         let (mut best, mut highest) = ((0, 0), f32::NEG_INFINITY);
         for (index, rows) in log.as_chunks_mut::<DEPTHS>().0.chunks_mut(LANES).enumerate() {
             let block = self.expectations.block(index);
             let mut most = [f32::NEG_INFINITY; LANES];
-            let by_depth = self.log_likelihood::<LOADED, ANCHORED>(&block);
+            let by_depth = self.log_likelihood(&block);
             for (depth, logs) in by_depth.iter().enumerate() {
                 let logs = logs.map(|log| scale + log);
                 rows.iter_mut().zip(logs).for_each(|(row, log)| row[depth] = log);
@@ -117,10 +105,12 @@ impl Comparison<'_> {
         log.iter_mut().for_each(|value| *value -= highest);
         Likelihood { log, best, highest: f64::from(highest) }
     }
+}
 
+impl Comparison<'_> {
     /// Logarithm of the likelihood by depth and member of a block, up to a constant.
     #[inline(always)]
-    fn log_likelihood<const LOADED: bool, const ANCHORED: bool>(&self, block: &Block<'_>) -> [Lanes; DEPTHS] {
+    fn log_likelihood(&self, block: &Block<'_>) -> [Lanes; DEPTHS] {
         let mut logs = [[0.0; LANES]; DEPTHS];
         for (part, logs) in logs.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
             let own: [Lanes; TOGETHER] =
@@ -129,12 +119,12 @@ impl Comparison<'_> {
             for (index, line) in self.lines.iter().enumerate() {
                 let of_square = line.factor / FREEDOM;
                 for depth in 0..TOGETHER {
-                    let [expected, variance] =
-                        block.expect_in::<LOADED, ANCHORED>(index, part * TOGETHER + depth, &own[depth]);
+                    let [expected, variance] = block.expect(index, part * TOGETHER + depth, &own[depth]);
                     for lane in 0..LANES {
                         let residual = line.change - expected[lane];
                         let variance = line.factor * variance[lane] + line.scaled_variance;
                         let tail = variance + of_square * residual * residual;
+                        // In place of `min`, which takes three instructions.
                         let limit = MAX_TAIL * variance;
                         tails[depth][lane] *= if tail < limit { tail } else { limit };
                         spreads[depth][lane] *= variance;

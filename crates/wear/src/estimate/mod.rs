@@ -31,6 +31,7 @@ mod likelihood;
 mod line_motion;
 mod load;
 mod novelty;
+mod packed;
 mod prognosis;
 mod sudden_change;
 mod tracker;
