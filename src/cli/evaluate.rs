@@ -71,10 +71,10 @@ pub(super) struct EvaluateArgs {
     /// Each WAV file is a record, in order of file names; truth.csv has a column wear_um with one row per
     /// file. `flankwatch simulate --out RUN.wav` writes such a folder. Channels are scored individually and
     /// together.
-    #[arg(long, num_args = 1.., value_name = "FOLDER")]
+    #[arg(long, num_args = 1.., value_name = "FOLDER", group = "tracked")]
     recorded: Vec<PathBuf>,
     /// Score runs of this many ensemble members, each estimated with all other members
-    #[arg(long, value_name = "MEMBERS", conflicts_with = "recorded")]
+    #[arg(long, value_name = "MEMBERS", group = "tracked")]
     leave_one_out: Option<usize>,
     /// With --leave-one-out: number of records in which wear grows to 90 % of the library
     #[arg(long, value_name = "RECORDS", default_value_t = 120, requires = "leave_one_out")]
@@ -82,11 +82,12 @@ pub(super) struct EvaluateArgs {
     /// With --leave-one-out: the machines stay healthy
     #[arg(long, requires = "leave_one_out")]
     healthy: bool,
-    /// With --recorded: skip this many records in the middle of each run
-    #[arg(long, value_name = "RECORDS", default_value_t = 0, requires = "recorded")]
+    /// With --recorded or --leave-one-out: skip this many records in the middle of each run
+    #[arg(long, value_name = "RECORDS", default_value_t = 0, requires = "tracked")]
     gap: usize,
-    /// With --recorded: add an inspection half-way, with the true depth and this standard error in µm
-    #[arg(long, value_name = "UM", requires = "recorded")]
+    /// With --recorded or --leave-one-out: add an inspection half-way, with the true depth and this standard
+    /// error in µm
+    #[arg(long, value_name = "UM", requires = "tracked")]
     inspection_um: Option<f64>,
     /// With --recorded: score the estimates in this JSON file instead of the estimator's
     ///
@@ -115,6 +116,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     }
     let pair = pair_file::read(args.pair.as_deref())?;
     let ensembles = Ensembles::new(&args.data_dir, args.members);
+    let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um };
     if let Some(count) = args.leave_one_out {
         let ensemble = ensembles.of(&pair)?;
         if count == 0 || ensemble.members().len() < 2 * ensemble.variants() {
@@ -131,16 +133,15 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             )));
         }
         let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };
-        return recorded_runs::run_members(&ensemble, count, plan);
+        return recorded_runs::run_members(&ensemble, count, plan, options);
     }
     if !args.recorded.is_empty() {
         let ensemble = || ensembles.of(&pair);
-        let trial = RunOptions { gap: args.gap, inspection_um: args.inspection_um };
         return recorded_runs::run(
             &args.recorded,
             &pair,
             &ensemble,
-            trial,
+            options,
             args.answers.as_deref(),
             args.json,
         );

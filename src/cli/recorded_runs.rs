@@ -9,8 +9,8 @@ use serde::Deserialize;
 
 use super::{CliError, output};
 use crate::evaluation::{
-    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, SingleIndicators,
-    follow, follow_together, leave_one_out, look_back, score_run, single_indicators,
+    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, ScoreAfter,
+    SingleIndicators, follow, follow_together, leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -109,14 +109,20 @@ pub(super) fn run(
 }
 
 /// Scores the estimate on runs of `count` ensemble members, each estimated without the member itself.
-pub(super) fn run_members(ensemble: &Ensemble, count: usize, plan: LeftOutRun) -> Result<(), CliError> {
+pub(super) fn run_members(
+    ensemble: &Ensemble,
+    count: usize,
+    plan: LeftOutRun,
+    options: RunOptions,
+) -> Result<(), CliError> {
     output::print(&header())?;
     let runs = leave_one_out(ensemble, count, plan);
     let scores: Vec<RunScore> = runs
         .par_iter()
         .map(|(run, others)| {
-            let answers = follow(run, others, BASELINE, RunOptions::default());
-            score_run(&run.name, &answers, BASELINE as usize, None)
+            let answers = follow(run, others, BASELINE, options);
+            let inspected_at = options.inspection_um.map(|_| run.records.len() / 2);
+            score_run(&run.name, &answers, BASELINE as usize, inspected_at)
         })
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
@@ -128,7 +134,19 @@ pub(super) fn run_members(ensemble: &Ensemble, count: usize, plan: LeftOutRun) -
         mean(|score| score.coverage),
         mean(|score| score.mean_error_um),
         mean(|score| score.width_um),
-    ))
+    ))?;
+    if options.inspection_um.is_some() {
+        let mean = |of: fn(&ScoreAfter) -> f64| {
+            scores.iter().filter_map(|score| score.after.as_ref()).map(of).sum::<f64>() / all
+        };
+        output::print(&format!(
+            "from the inspection on: covered {:.3}, error {:.1} µm, width {:.1} µm\n",
+            mean(|after| after.coverage),
+            mean(|after| after.mean_error_um),
+            mean(|after| after.width_um),
+        ))?;
+    }
+    Ok(())
 }
 
 /// Formats the results of single indicators on the same runs.
@@ -154,7 +172,7 @@ fn indicator_table(scores: &[SingleIndicators]) -> String {
 
 fn header() -> String {
     format!(
-        "{:<24} {:>9} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>12}  {}\n",
+        "{:<24} {:>9} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>16}  {}\n",
         "run",
         "estimated",
         "flagged",
@@ -172,11 +190,12 @@ fn header() -> String {
 
 fn row(score: &RunScore) -> String {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-    let after =
-        score.error_after_um.zip(score.width_after_um).map(|(error, width)| format!("{error:.1} {width:.1}"));
+    let after = score.after.as_ref().map(|ScoreAfter { mean_error_um, width_um, coverage }| {
+        format!("{mean_error_um:.1} {width_um:.1} {coverage:.3}")
+    });
     let last = score.last.map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
     format!(
-        "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>12}  {}\n",
+        "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>16}  {}\n",
         score.run,
         format!("{}/{}", score.estimated, score.records),
         score.flagged,

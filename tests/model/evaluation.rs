@@ -58,6 +58,8 @@ fn wear_is_tracked_and_faults_are_detected_and_named() {
     };
     assert!(left_out("960", &["--healthy"]) >= 0.95);
     assert!(left_out("480", &[]) >= 0.8);
+    // The last line is of the records from the inspection on.
+    assert!(left_out("120", &["--inspection-um", "5"]) >= 0.8);
     flankwatch(&["evaluate", "--case", "sunshine"]).expect_failure(&["--case", "sunshine", "gain jump"]);
     flankwatch(&["evaluate", "--leave-one-out", "1", "--wear-records", "1", "--data-dir", &data])
         .expect_failure(&["--wear-records is 1", "2 to 20000"]);

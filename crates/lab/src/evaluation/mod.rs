@@ -22,7 +22,8 @@ pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
 pub use leave_one_out::{LeftOutRun, leave_one_out};
 pub use recorded::{
-    Answer, HindsightScore, RecordedRun, RunOptions, RunScore, follow, follow_together, look_back, score_run,
+    Answer, HindsightScore, RecordedRun, RunOptions, RunScore, ScoreAfter, follow, follow_together,
+    look_back, score_run,
 };
 pub use run::{Observation, RunShape, observe};
 pub use score::{NOMINAL, Score};

@@ -83,12 +83,21 @@ pub struct RunScore {
     pub narrow: [usize; 2],
     /// The last estimate.
     pub last: Option<[f64; 3]>,
-    /// Mean absolute error in µm from the inspection on.
-    pub error_after_um: Option<f64>,
-    /// Mean width in µm from the inspection on.
-    pub width_after_um: Option<f64>,
+    /// Scores from the inspection on.
+    pub after: Option<ScoreAfter>,
     /// Scores of the records before the inspection, in hindsight.
     pub in_hindsight: Option<HindsightScore>,
+}
+
+/// Scores of the records from an inspection on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScoreAfter {
+    /// Mean absolute error of the median in µm.
+    pub mean_error_um: f64,
+    /// Mean width of the interval in µm.
+    pub width_um: f64,
+    /// Part of the intervals that contain the truth.
+    pub coverage: f64,
 }
 
 /// Scores of the records before an inspection: without it, and in hindsight.
@@ -255,8 +264,7 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         estimated: estimated.len(),
         flagged,
         without: answers.len() - estimated.len() - flagged,
-        coverage: estimated.iter().filter(|(_, truth, wear)| contains(*truth, *wear)).count() as f64
-            / estimated.len().max(1) as f64,
+        coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), 0),
         longest_miss,
         rank: rank_correlation(&pairs),
         mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), 0),
@@ -264,9 +272,11 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         width_um: mean(&|(.., [_, low, high])| high - low, 0),
         narrow: [narrow.len(), narrow.iter().filter(|held| **held).count()],
         last: estimated.last().map(|(.., wear)| *wear),
-        error_after_um: inspected_at
-            .map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
-        width_after_um: inspected_at.map(|from| mean(&|(.., [_, low, high])| high - low, from)),
+        after: inspected_at.map(|from| ScoreAfter {
+            mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), from),
+            width_um: mean(&|(.., [_, low, high])| high - low, from),
+            coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), from),
+        }),
         in_hindsight: None,
     }
 }

@@ -19,6 +19,10 @@ use crate::library::{DEPTHS, REPORTED, end_um};
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
 const CARRIED: f32 = 0.026;
 
+/// The same after an inspection. It leaves a member a smaller error, so that each record counts more, while the
+/// rest of that error still recurs.
+const CARRIED_AFTER_INSPECTION: f32 = 0.013;
+
 /// Exponent of the newest record's likelihood in the answer.
 const ADDED: f32 = 0.28;
 
@@ -118,21 +122,23 @@ impl Filter {
             && self.prior.len() == BLOCK
     }
 
-    /// Lets wear grow, then updates with one record.
+    /// Lets wear grow, then updates with one record, which may follow an inspection.
     pub(super) fn update(
         &mut self,
         growth: &Growth,
         elapsed: Elapsed,
         likelihood: &Likelihood,
+        is_inspected: bool,
     ) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
         growth.advance(&mut self.prior, elapsed);
         normalise(&mut self.prior);
         let units = (elapsed.units as f32).min(1.0);
+        let carried = if is_inspected { CARRIED_AFTER_INSPECTION } else { CARRIED };
         let step = Step {
             growth,
             elapsed,
-            carried: CARRIED * units,
+            carried: carried * units,
             forgotten: FORGOTTEN * units,
             prior: &self.prior,
             likelihood,

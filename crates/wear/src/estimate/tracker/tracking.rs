@@ -357,7 +357,8 @@ impl Tracker {
         let elapsed = tracking.clock.advance(at, measured.load, signs);
         let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
-        let posterior = filter.update(&self.growth, elapsed, likelihood);
+        let is_inspected = tracking.anchor.is_some();
+        let posterior = filter.update(&self.growth, elapsed, likelihood, is_inspected);
         // In a gap wear may grow as well as the load may change.
         if elapsed.jumps == Jumps::InGap {
             tracking.sudden.restart();
