@@ -19,8 +19,8 @@ use crate::library::{DEPTHS, REPORTED, end_um};
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
 const CARRIED: f32 = 0.026;
 
-/// The same after an inspection. It leaves a member a smaller error, so that each record counts more, while the
-/// rest of that error still recurs.
+/// The same after an inspection. The error that an inspection leaves a member is smaller, so that each record
+/// counts more, but it still recurs in every record.
 const CARRIED_AFTER_INSPECTION: f32 = 0.013;
 
 /// Exponent of the newest record's likelihood in the answer.
@@ -255,7 +255,7 @@ impl WithSimd for Step<'_> {
 }
 
 /// Multiplies a group's cells with weights by member and depth, and updates each member's part of the group.
-/// `depths` is the group's probability by depth. The part `forgotten` of what tells its members apart is lost.
+/// `depths` is the group's probability by depth. The part `forgotten` of what tells members apart is lost.
 #[inline(always)]
 fn weigh(
     block: &mut [Row],
