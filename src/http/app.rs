@@ -4,15 +4,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::access::Access;
-use super::event_ring::EventRing;
-use super::limits::HttpLimits;
-use super::line_cache::LineCache;
-use super::measurements::Measurements;
-use super::preview_model::PreviewModels;
-use super::queue_metrics::QueueWatch;
-use super::reading_waits::ReadingWaits;
-use super::shares::Shares;
-use super::write_probe::WriteProbe;
+use super::access::shares::Shares;
+use super::events::ring::EventRing;
+use super::health::write_probe::WriteProbe;
+use super::metrics::queue::QueueWatch;
+use super::metrics::requests::Measurements;
+use super::preview::model::PreviewModels;
+use super::server::limits::HttpLimits;
+use super::spectra::line_cache::LineCache;
+use super::uploads::reading_waits::ReadingWaits;
 use crate::service::Service;
 
 /// The service and the API's own state; a clone is another handle.

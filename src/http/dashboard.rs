@@ -7,9 +7,9 @@ use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::etag::{self, is_known};
 use super::plotly::{PLOTLY_JS_GZIP, plotly_js};
 use super::problem::Problem;
+use super::request::etag::{self, is_known};
 
 /// A static file.
 struct StaticFile {

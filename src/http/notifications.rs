@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::app::App;
-use super::metrics_text::MetricsText;
+use super::metrics::text::MetricsText;
 use super::problem::Problem;
 use crate::service::Service;
 use crate::store::Notified;

@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use serde::Serialize;
 
 use super::problem::Problem;
-use super::query::Page;
+use super::request::query::Page;
 use crate::gear::PairSpec;
 
 /// Names and pair files.

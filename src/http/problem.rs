@@ -18,12 +18,12 @@ const MAX_DIGITS: usize = 24;
 
 /// A problem with a request.
 #[derive(Debug, Clone)]
-pub(super) struct Problem(Box<Details>);
+pub(crate) struct Problem(Box<Details>);
 
 /// A problem with a request (RFC 9457).
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 #[schema(as = Problem)]
-pub(super) struct Details {
+pub(crate) struct Details {
     /// Kind of problem: `about:blank`, which refers to the status.
     #[serde(rename = "type")]
     kind: &'static str,
@@ -56,7 +56,7 @@ pub(super) struct Details {
 
 /// Marks a response that reports damage to the database file.
 #[derive(Debug, Clone)]
-pub(super) struct DamageFound(pub(super) FoundDamage);
+pub(crate) struct DamageFound(pub(super) FoundDamage);
 
 fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_u16(status.as_u16())
@@ -66,7 +66,7 @@ fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result
 const NO_ROOM_RETRY_S: u32 = 60;
 
 impl Problem {
-    pub(super) fn new(status: StatusCode, detail: impl Into<String>) -> Self {
+    pub(crate) fn new(status: StatusCode, detail: impl Into<String>) -> Self {
         Self(Box::new(Details {
             kind: "about:blank",
             title: status.canonical_reason().unwrap_or("Problem"),
@@ -81,69 +81,69 @@ impl Problem {
         }))
     }
 
-    pub(super) fn not_found(detail: impl Into<String>) -> Self {
+    pub(crate) fn not_found(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, detail)
     }
 
     /// A query parameter with an invalid value.
-    pub(super) fn query(field: &str, value: impl ToString, expected: &str) -> Self {
+    pub(crate) fn query(field: &str, value: impl ToString, expected: &str) -> Self {
         Self::new(StatusCode::BAD_REQUEST, "").with_field(field, value, expected)
     }
 
     /// A body field with an invalid value.
-    pub(super) fn content(field: &str, value: impl ToString, expected: &str) -> Self {
+    pub(crate) fn content(field: &str, value: impl ToString, expected: &str) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, "").with_field(field, value, expected)
     }
 
-    pub(super) fn too_large(limit: u64) -> Self {
+    pub(crate) fn too_large(limit: u64) -> Self {
         Self::new(
             StatusCode::PAYLOAD_TOO_LARGE,
             format!("the body is too large, expected at most {limit} bytes"),
         )
     }
 
-    pub(super) fn busy(detail: impl Into<String>, retry_after_s: u32) -> Self {
+    pub(crate) fn busy(detail: impl Into<String>, retry_after_s: u32) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, detail).retry_after(retry_after_s)
     }
 
     /// The body of the response.
-    pub(super) fn body(&self) -> Vec<u8> {
+    pub(crate) fn body(&self) -> Vec<u8> {
         serde_json::to_vec(&self.0).unwrap_or_default()
     }
 
     /// The description of the problem.
-    pub(super) fn detail(&self) -> &str {
+    pub(crate) fn detail(&self) -> &str {
         &self.0.detail
     }
 
     /// Whether the same request can succeed later.
-    pub(super) fn may_pass(&self) -> bool {
+    pub(crate) fn may_pass(&self) -> bool {
         self.is_busy() || self.is_no_room() || self.0.is_of_disk
     }
 
     /// Whether the same request can succeed in a moment.
-    pub(super) fn is_busy(&self) -> bool {
+    pub(crate) fn is_busy(&self) -> bool {
         self.0.status == StatusCode::SERVICE_UNAVAILABLE
     }
 
     /// Whether the disk is full.
-    pub(super) fn is_no_room(&self) -> bool {
+    pub(crate) fn is_no_room(&self) -> bool {
         self.0.status == StatusCode::INSUFFICIENT_STORAGE
     }
 
     /// Sets the time after which the same request can succeed.
-    pub(super) fn retry_after(mut self, seconds: u32) -> Self {
+    pub(crate) fn retry_after(mut self, seconds: u32) -> Self {
         self.0.retry_after_s = Some(seconds);
         self
     }
 
     /// Whether it names a field.
-    pub(super) fn names_a_field(&self) -> bool {
+    pub(crate) fn names_a_field(&self) -> bool {
         self.0.field.is_some()
     }
 
     /// Sets the field at fault.
-    pub(super) fn of_field(mut self, field: String) -> Self {
+    pub(crate) fn of_field(mut self, field: String) -> Self {
         self.0.field = Some(field);
         self
     }
@@ -161,7 +161,7 @@ impl Problem {
 
     /// Adds the field that a decoder's message names in backticks, or a field with its value and what was
     /// expected.
-    pub(super) fn naming_field_in(mut self, message: &str) -> Self {
+    pub(crate) fn naming_field_in(mut self, message: &str) -> Self {
         if let Some((field, rest)) = message.split_once(" is ")
             && field.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
             && let Some((value, expected)) = rest.split_once(", expected ")
@@ -281,7 +281,7 @@ impl From<ServiceError> for Problem {
 }
 
 /// A value with its numbers in scientific notation where they have more digits than anyone reads.
-pub(super) fn shortened(value: &str) -> String {
+pub(crate) fn shortened(value: &str) -> String {
     let word = |word: &str| match word.parse::<f64>() {
         Ok(number) if word.len() > MAX_DIGITS => format!("{number:e}"),
         _ => word.to_owned(),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::app::App;
 use super::problem::Problem;
-use super::query::Parameters;
+use super::request::query::Parameters;
 use crate::asset::AssetId;
 use crate::service::Recomputation;
 

@@ -9,9 +9,9 @@ use axum::response::IntoResponse;
 use serde::Serialize;
 
 use super::app::App;
-use super::body::Described;
 use super::problem::Problem;
-use super::query::{self, NameInPath, Page, PageParameters, Parameters};
+use super::request::body::Described;
+use super::request::query::{self, NameInPath, Page, PageParameters, Parameters};
 use crate::service::{Replay, ReplayFile, ReplayRequest};
 
 /// Start a replay

@@ -13,14 +13,23 @@ use tower_http::set_header::SetResponseHeaderLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::access::{self, issued_tokens, session};
+use super::alarms::{self, trials};
 use super::app::App;
+use super::assets::{self, maintenance};
+use super::indicators::{self, baseline_statistics};
+use super::libraries::{self, states};
 use super::problem::Problem;
+use super::request::etag;
+use super::segments::{self, exclusions, raw_recordings, record_choice};
+use super::server::{drain, head, traffic};
+use super::spectra::{angle, cepstra, lines, matching, waterfall, waveforms};
+use super::streams::{self, campaigns, live_view};
+use super::uploads::{self, csv_preview, recording_preview, tus};
+use super::wear::{self, hindsight};
 use super::{
-    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, csv_preview, damage,
-    dashboard, drain, etag, events, exclusions, export, head, health, hindsight, indicators, issued_tokens,
-    libraries, library_states, lines, live_view, maintenance, matching, metrics, notifications, openapi,
-    pair_presets, preview, raw_recordings, recomputations, record_choice, recording_preview, replays,
-    reports, segments, session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
+    damage, dashboard, events, export, health, metrics, notifications, openapi, pair_presets, preview,
+    recomputations, replays, reports,
 };
 
 /// Scripts and data come only from this origin; Plotly sets inline styles and saves pictures as blobs.
@@ -40,7 +49,7 @@ pub(super) fn operations() -> OpenApiRouter<App> {
         .routes(routes!(exclusions::include_range))
         .routes(routes!(indicators::trend))
         .routes(routes!(baseline_statistics::show))
-        .routes(routes!(alarm_trials::try_rule))
+        .routes(routes!(trials::try_rule))
         .routes(routes!(wear::latest))
         .routes(routes!(wear::history))
         .routes(routes!(hindsight::hindsight))
@@ -75,8 +84,8 @@ pub(super) fn operations() -> OpenApiRouter<App> {
         .routes(routes!(libraries::list))
         .routes(routes!(libraries::show))
         .routes(routes!(libraries::state))
-        .routes(routes!(library_states::list))
-        .routes(routes!(library_states::flank))
+        .routes(routes!(states::list))
+        .routes(routes!(states::flank))
         .routes(routes!(preview::preview))
         .routes(routes!(csv_preview::csv_preview))
         .routes(routes!(recording_preview::recording_preview))
@@ -85,7 +94,7 @@ pub(super) fn operations() -> OpenApiRouter<App> {
         .routes(routes!(streams::list))
         .routes(routes!(streams::levels))
         .routes(routes!(streams::keep))
-        .routes(routes!(stream_campaigns::begin, stream_campaigns::end))
+        .routes(routes!(campaigns::begin, campaigns::end))
         .routes(routes!(live_view::watch))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))

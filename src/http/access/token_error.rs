@@ -1,0 +1,41 @@
+//! Errors of tokens.
+
+use thiserror::Error;
+
+use crate::store::StoreError;
+
+/// Why tokens cannot be read or stored.
+#[derive(Debug, Error)]
+pub enum TokenError {
+    /// The system provides no random numbers.
+    #[error("no random numbers available: {0}")]
+    Random(String),
+    /// The token does not exist.
+    #[error("token {0:?} not found")]
+    Unknown(String),
+    /// The store failed.
+    #[error("tokens: {0}")]
+    Store(#[from] StoreError),
+    /// The database does not answer.
+    #[error("tokens: the database does not answer")]
+    Silent,
+    /// A stored token is invalid.
+    #[error("token {id}: {reason}")]
+    Stored {
+        /// The token.
+        id: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl TokenError {
+    /// Whether the store is unavailable, so that a retry can succeed.
+    pub(crate) fn is_unavailable(&self) -> bool {
+        match self {
+            Self::Silent => true,
+            Self::Store(error) => error.is_unavailable(),
+            _ => false,
+        }
+    }
+}

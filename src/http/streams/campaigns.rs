@@ -1,0 +1,108 @@
+//! Measuring campaigns of live streams: all samples become records for a limited time.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::DEFAULT_NAME;
+use crate::asset::AssetId;
+use crate::http::app::App;
+use crate::http::problem::Problem;
+use crate::http::request::query::{AssetInPath, Parameters};
+use crate::service::CampaignStatus;
+
+/// The maximum duration of a campaign: one day.
+const MAX_S: f64 = 86_400.0;
+
+/// A campaign to start.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CampaignParameters {
+    /// The stream's name, default `main`.
+    name: Option<String>,
+    /// Duration in seconds, at most 86400, default 60.
+    #[param(minimum = 1, maximum = 86400)]
+    seconds: Option<f64>,
+}
+
+/// The campaign to end.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CampaignEndParameters {
+    /// The stream's name, default `main`.
+    name: Option<String>,
+}
+
+/// A measuring campaign.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(crate) struct CampaignView {
+    /// Whether it is running.
+    is_running: bool,
+    /// Index of the first sample.
+    first: u64,
+    /// Index after the last sample.
+    end: u64,
+    /// The time of the first sample: `from` of an export of its records.
+    start_time: Timestamp,
+    /// The time at which it ends or ended: `to` of an export of its records.
+    end_time: Option<Timestamp>,
+    /// Records made by it; those of all channels count as one.
+    records: u64,
+}
+
+impl From<CampaignStatus> for CampaignView {
+    fn from(status: CampaignStatus) -> Self {
+        let CampaignStatus { is_running, first, end, start_time, end_time, records } = status;
+        Self { is_running, first, end, start_time, end_time, records }
+    }
+}
+
+/// Start a measuring campaign
+///
+/// All samples from now on become back-to-back records, regardless of the asset's stream settings. A running
+/// campaign is replaced.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream/campaign",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
+    responses(
+        (status = 200, body = CampaignView),
+    ),
+)]
+pub(crate) async fn begin(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<CampaignParameters>,
+) -> Result<Json<CampaignView>, Problem> {
+    let seconds = params.seconds.unwrap_or(60.0);
+    if !(1.0..=MAX_S).contains(&seconds) {
+        return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
+    }
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
+}
+
+/// End a measuring campaign
+///
+/// The samples received so far become its last record. Does nothing if no campaign is running.
+#[utoipa::path(
+    delete,
+    path = "/v1/assets/{asset}/stream/campaign",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), CampaignEndParameters),
+    responses((status = 204, description = "No campaign is running")),
+)]
+pub(crate) async fn end(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<CampaignEndParameters>,
+) -> Result<StatusCode, Problem> {
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    app.service.streams.end_campaign(&asset, name).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

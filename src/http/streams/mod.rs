@@ -1,0 +1,401 @@
+//! Live streams: chunks in request bodies, status, and levels.
+
+pub(super) mod campaigns;
+pub(super) mod live_view;
+mod socket;
+mod views;
+
+use axum::Extension;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::http::{HeaderMap, Method};
+use axum::response::{IntoResponse, Response};
+use bytes::{Bytes, BytesMut};
+use jiff::Timestamp;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
+
+use super::access::session::Caller;
+use super::access::shares::{Client, Share};
+use super::app::App;
+use super::problem::{Details, Problem};
+use super::request::body::{self, BodySource};
+use super::request::query::{AssetInPath, Parameters};
+use super::server::connections::closing;
+use crate::asset::AssetId;
+use crate::recording::RawSample;
+use crate::recording::stream::{Chunk, StreamFormat};
+use crate::service::{ServiceError, StreamProgress, StreamSender};
+use views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
+
+const RAW: &str = "application/octet-stream";
+
+/// The default name of a stream.
+pub(super) const DEFAULT_NAME: &str = "main";
+
+/// Bytes of a body processed at a time.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// Maximum number of seconds of levels per answer.
+const MAX_LEVELS: usize = 100_000;
+
+/// Stream parameters in the address.
+#[derive(Debug, Clone, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StreamParameters {
+    /// The stream's name within the asset, default `main`.
+    name: Option<String>,
+    /// Sample format, `f32` or `i16`, little-endian, channels interleaved. Required for sending.
+    #[param(example = "f32")]
+    sample: Option<String>,
+    /// Sampling rate in hertz. Required for sending.
+    #[param(example = 25600.0)]
+    sample_rate_hz: Option<f64>,
+    /// Number of channels, default 1.
+    channels: Option<u16>,
+    /// Value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
+    scale: Option<f64>,
+    /// Unit of the samples; by default the asset's.
+    #[param(example = "m/s2")]
+    unit: Option<String>,
+    /// Names of the channels in order, comma-separated.
+    channel_names: Option<String>,
+    /// Name of the channel that is the signal of a tachometer on the driving shaft: records get its pulses
+    /// instead of the channel.
+    tachometer_channel: Option<String>,
+    /// Level in `unit` at which a pulse begins. Required with `tachometer_channel`.
+    tachometer_level: Option<f64>,
+    /// By how much the signal falls below the level between two pulses; default half the level.
+    tachometer_hysteresis: Option<f64>,
+    /// Pulses per revolution of `tachometer_channel`, default 1.
+    pulses_per_revolution: Option<u32>,
+    /// Index of the first sample in the body; by default the next one. For a new stream over a WebSocket: its
+    /// first index.
+    #[serde(default, deserialize_with = "sample_index")]
+    first_index: Option<u64>,
+    /// When the first sample in the body was measured.
+    start_time: Option<Timestamp>,
+    /// No samples before `first_index` will follow: missing ones are a gap at once.
+    #[serde(default)]
+    after_gap: bool,
+}
+
+/// Parses an index that fits into a signed 64-bit integer, in which it is stored.
+fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::Error> {
+    let index = Option::<u64>::deserialize(given)?;
+    match index.filter(|index| i64::try_from(*index).is_err()) {
+        Some(index) => Err(D::Error::custom(format!("the index is {index}, expected a number below 2^63"))),
+        None => Ok(index),
+    }
+}
+
+/// The requested levels.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LevelParameters {
+    /// The stream's name, default `main`.
+    name: Option<String>,
+    /// Start of the time range.
+    from: Option<Timestamp>,
+    /// End of the time range.
+    to: Option<Timestamp>,
+}
+
+/// The samples to store as a record.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct KeepParameters {
+    /// The stream's name, default `main`.
+    name: Option<String>,
+    /// Number of seconds, at most 60, default 10.
+    #[param(minimum = 0.1, maximum = 60)]
+    seconds: Option<f64>,
+}
+
+impl StreamParameters {
+    fn format(&self) -> Result<StreamFormat, Problem> {
+        let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
+        let sample: RawSample = self
+            .sample
+            .as_deref()
+            .ok_or_else(|| missing("sample"))?
+            .parse()
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+        let rate_hz = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
+        let names = self.channel_names.iter().flat_map(|names| names.split(','));
+        let names = names.map(|name| name.trim().to_owned()).collect();
+        let format = StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1).into(), self.scale)
+            .and_then(|format| format.with_names(self.unit.clone(), names))
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+        self.with_tachometer(format)
+    }
+
+    fn with_tachometer(&self, format: StreamFormat) -> Result<StreamFormat, Problem> {
+        let Some(channel) = &self.tachometer_channel else {
+            let is_without = self.tachometer_level.is_none()
+                && self.tachometer_hysteresis.is_none()
+                && self.pulses_per_revolution.is_none();
+            let expected = "the name of a channel, as other parameters of a tachometer are given";
+            let missing = || Problem::query("tachometer_channel", "missing", expected);
+            return is_without.then_some(format).ok_or_else(missing);
+        };
+        let expected = "the level at which a pulse begins, required with tachometer_channel";
+        let missing = || Problem::query("tachometer_level", "missing", expected);
+        let level = self.tachometer_level.ok_or_else(missing)?;
+        let of_revolution = self.pulses_per_revolution.unwrap_or(1);
+        format
+            .with_tachometer(channel.trim(), level, self.tachometer_hysteresis, of_revolution)
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))
+    }
+
+    fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or(DEFAULT_NAME)
+    }
+}
+
+/// An open stream, with its place in the limit on streams.
+pub(super) struct OpenStream {
+    pub(super) sender: StreamSender,
+    pub(super) share: Share,
+}
+
+async fn open(
+    app: &App,
+    asset: &AssetId,
+    params: &StreamParameters,
+    client: Client,
+) -> Result<OpenStream, Problem> {
+    if let Some(what) = app.service.store.damage() {
+        return Err(Problem::busy(format!("the database is damaged: {what}; writing is disabled"), 60));
+    }
+    let format = params.format()?;
+    let too_many = || Problem::busy("too many live streams of this client or in total", 30);
+    let share = app.service.stream_places.take(client).ok_or_else(too_many)?;
+    let sender = app.service.streams.open(asset, params.name(), format, params.first_index).await?;
+    Ok(OpenStream { sender, share })
+}
+
+/// Send a live stream, or get its status
+///
+/// With `Upgrade: websocket`, the request starts sending the stream: samples in binary messages, acknowledged
+/// by index once stored (`docs/streams.md`). That needs a token with the scope `write`. Without the upgrade,
+/// the answer is the stream's status.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/stream",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    responses(
+        (status = 200, body = StreamView),
+        (status = 101, description = "Messages of `docs/streams.md` follow"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format"),
+        (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid format"),
+    ),
+)]
+pub(super) async fn connect(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<StreamParameters>,
+    client: Client,
+    caller: Option<Extension<Caller>>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response, Problem> {
+    let Ok(upgrade) = upgrade else {
+        let status = app.service.streams.status(&asset, params.name()).await?;
+        return Ok(Json(StreamView::from(status)).into_response());
+    };
+    let stream = match open(&app, &asset, &params, client).await {
+        Ok(stream) => stream,
+        // the connection would stay idle while others need its place
+        Err(problem) => return Ok(closing(problem.into_response())),
+    };
+    let caller = caller.map(|Extension(caller)| caller);
+    Ok(socket::answer(upgrade, app, stream, caller))
+}
+
+/// Send a part of a live stream
+///
+/// The body is raw samples of any length; it may be chunked and of unknown length. It is stored as it arrives
+/// and answered at its end with the `next` index. Samples that are already stored are skipped. If the body
+/// breaks off, the received part is kept: get `next` from the stream's status and continue from there.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
+    responses(
+        (status = 200, body = StreamAnswer),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection is sending it"),
+    ),
+)]
+pub(super) async fn send(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<StreamParameters>,
+    client: Client,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<StreamAnswer>, Problem> {
+    let media_type = body::media_type(&headers);
+    if media_type.as_deref() != Some(RAW) {
+        return Err(body::unsupported(media_type.as_deref(), RAW));
+    }
+    let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
+    let mut gaps = Vec::new();
+    if params.after_gap {
+        let first = params
+            .first_index
+            .ok_or_else(|| Problem::query("first_index", "missing", "an index, required with after_gap"))?;
+        let progress = sender.give_up_before(first).await?;
+        gaps.extend(views(&progress));
+    }
+    let mut body = BodyChunks {
+        source: BodySource::endless(body, &app.limits),
+        frame_bytes: sender.format().frame_bytes(),
+        rest: BytesMut::new(),
+    };
+    let mut first = params.first_index.or(sender.next()).unwrap_or(0);
+    let mut start_time = params.start_time;
+    let mut over = app.service.streams.follow_end();
+    loop {
+        let bytes = tokio::select! {
+            _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service is stopping", 1)),
+            bytes = body.next() => bytes?,
+        };
+        let Some(bytes) = bytes else { break };
+        let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
+        let mut chunk: Chunk = sender.received_now(first, bytes);
+        if let Some(time) = start_time.take() {
+            chunk.time_ns = i64::try_from(time.as_nanosecond()).ok();
+        } else if params.start_time.is_some() {
+            // the sender's clock determines the time
+            chunk.time_ns = None;
+        }
+        let progress = sender.take(vec![chunk]).await?;
+        gaps.extend(views(&progress));
+        first += frames;
+    }
+    Ok(Json(StreamAnswer { next: sender.next(), gaps }))
+}
+
+fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {
+    progress.gaps.iter().map(|gap| GapView { first: gap.first, samples: gap.samples })
+}
+
+/// A body in chunks of whole frames.
+struct BodyChunks {
+    source: BodySource,
+    frame_bytes: usize,
+    /// Bytes received but not returned yet.
+    rest: BytesMut,
+}
+
+impl BodyChunks {
+    /// Returns the next whole frames; `None` at the end.
+    async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        while self.rest.len() < self.frame_bytes {
+            match self.source.next().await? {
+                Some(piece) => self.rest.extend_from_slice(&piece),
+                None if self.rest.is_empty() => return Ok(None),
+                None => {
+                    let expected = "a multiple of the frame size, one sample of every channel";
+                    return Err(Problem::content("the body's length", "not whole", expected));
+                }
+            }
+        }
+        // bytes that have already arrived cost no further write
+        while self.rest.len() < CHUNK_BYTES
+            && let Some(piece) = self.source.next_now().await?
+        {
+            self.rest.extend_from_slice(&piece);
+        }
+        let whole = self.rest.len() / self.frame_bytes * self.frame_bytes;
+        Ok(Some(self.rest.split_to(whole).freeze()))
+    }
+}
+
+/// List the live streams of an asset
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/streams",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    responses((status = 200, body = StreamList)),
+)]
+pub(super) async fn list(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+) -> Result<Json<StreamList>, Problem> {
+    let streams = app.service.streams.list(&asset).await?;
+    Ok(Json(StreamList { items: streams.into_iter().map(StreamView::from).collect() }))
+}
+
+/// Levels of a live stream
+///
+/// RMS and peak of each second, including those without records; kept for days to weeks.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/stream/levels",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), LevelParameters),
+    responses((status = 200, body = LevelList)),
+)]
+pub(super) async fn levels(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<LevelParameters>,
+) -> Result<Json<LevelList>, Problem> {
+    let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
+        time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
+    };
+    let (from_ns, to_ns) = (nanoseconds(params.from, i64::MIN), nanoseconds(params.to, i64::MAX));
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
+    let number = |value: f32| value.is_finite().then(|| f64::from(value));
+    let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
+        Some(LevelView {
+            time: Timestamp::from_nanosecond(row.time_ns.into()).ok()?,
+            first: row.level.first,
+            samples: row.level.frames,
+            rms: row.level.channels.iter().map(|channel| number(channel.rms)).collect(),
+            peak: row.level.channels.iter().map(|channel| number(channel.peak)).collect(),
+        })
+    });
+    Ok(Json(LevelList { items: items.collect() }))
+}
+
+/// Store the last seconds of a live stream as a record
+///
+/// Regardless of the asset's stream settings; shorter if there is a gap.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream/keep",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), KeepParameters),
+    responses((status = 200, body = KeptView), (status = 422, body = Details, content_type = "application/problem+json", description = "The requested seconds are not available")),
+)]
+pub(super) async fn keep(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(params): Parameters<KeepParameters>,
+) -> Result<Json<KeptView>, Problem> {
+    let seconds = params.seconds.unwrap_or(10.0);
+    if !(0.1..=60.0).contains(&seconds) {
+        return Err(Problem::query("seconds", seconds, "a number from 0.1 to 60"));
+    }
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let (start_time, samples) = app.service.streams.keep_last(&asset, name, seconds).await?;
+    Ok(Json(KeptView { start_time, samples }))
+}
+
+/// Whether a request may last as long as the client likes.
+pub(super) fn is_endless(method: &Method, route: Option<&str>) -> bool {
+    *method == Method::POST && route == Some("/v1/assets/{asset}/stream")
+}

@@ -1,0 +1,217 @@
+//! The query parameters of an upload, and the format and metadata they give.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::csv_preview::CsvParameters;
+use crate::http::problem::Problem;
+use crate::http::request::body;
+use crate::recording::RawLayout;
+use crate::service::{ChannelNames, RecordFormat, SampleFile, ServiceError, UploadMetadata};
+use crate::signal::OperatingPoint;
+
+const RAW: &str = "application/octet-stream";
+const EXPECTED: &str = "audio/wav, audio/flac, text/csv, application/x-matlab-data, application/x-npy, application/x-protobuf, application/json, application/mcap or application/octet-stream";
+
+/// Millivolts in a volt.
+const MV_PER_V: f64 = 1e3;
+
+/// Record metadata in the query of an upload.
+#[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct UploadParameters {
+    /// Time of the first sample if the recording does not contain it; by default the time of receipt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start_time: Option<Timestamp>,
+    /// Rotational frequency of the driving shaft in hertz.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 29.7)]
+    shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in newton metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    torque_nm: Option<f64>,
+    /// Oil or housing temperature in degrees Celsius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 62.5)]
+    temperature_c: Option<f64>,
+    /// The channel's name, if the recording has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    channel: Option<String>,
+    /// Names of the channels of a multi-channel recording, in order, comma-separated; for MCAP, those of the
+    /// channels in `recorded_channels`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "input,output")]
+    channel_names: Option<String>,
+    /// For MCAP: names in the recording of the channels that get the names in `channel_names`, in the same
+    /// order, comma-separated. Other channels keep their names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "gearbox/x,gearbox/y")]
+    recorded_channels: Option<String>,
+    /// Unit of the samples if the recording does not contain it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "m/s2")]
+    unit: Option<String>,
+    /// Units of the channels named in `channel_names`, in order, comma-separated, for samples whose unit the
+    /// recording does not contain; empty entries use `unit`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "g,m/s2")]
+    channel_units: Option<String>,
+    /// Wear depth in µm from an inspection: shown beside the estimate, never used by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reference_wear_um: Option<f64>,
+    /// For `application/octet-stream`: sample format, `f32` or `i16`, little-endian, channels interleaved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sample: Option<String>,
+    /// Sampling rate in hertz: for `application/octet-stream` and `application/x-npy`, and for `text/csv` and
+    /// `application/x-matlab-data` that do not contain it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 12800.0)]
+    sample_rate_hz: Option<f64>,
+    /// For `text/csv`: number of the time column, from 1; 0 for none. By default detected from names and
+    /// values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(minimum = 0, maximum = 256)]
+    time_column: Option<u16>,
+    /// For `text/csv`: numbers of the channel columns, from 1, comma-separated; by default all but the time
+    /// column.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "2,3")]
+    columns: Option<String>,
+    /// For `application/octet-stream`: number of channels, default 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    channels: Option<u32>,
+    /// Factor for each value, stored with the record. Full-scale integers of WAV and FLAC are 1 before it.
+    /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
+    /// Not for messages and MCAP.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale: Option<f64>,
+    /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`) to g. For WAV, FLAC, CSV,
+    /// MATLAB and NumPy files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 100.0)]
+    sensitivity_mv_per_g: Option<f64>,
+}
+
+impl UploadParameters {
+    /// Returns the format of a body; a problem if a value is given that the format does not use.
+    pub(crate) fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
+        let format = match media_type {
+            Some(RAW) => return self.raw_format(),
+            _ => media_type.and_then(RecordFormat::from_media_type),
+        };
+        let format = format.ok_or_else(|| body::unsupported(media_type, EXPECTED))?;
+        // A value that the format does not use is an error: ignoring it would give wrong records.
+        let given: &[(&str, bool)] = &[
+            ("sample", self.sample.is_some()),
+            ("channels", self.channels.is_some()),
+            ("recorded_channels", self.recorded_channels.is_some()),
+            ("time_column", self.time_column.is_some()),
+            ("columns", self.columns.is_some()),
+            ("sample_rate_hz", self.sample_rate_hz.is_some()),
+            ("scale", self.scale.is_some()),
+            ("sensitivity_mv_per_g", self.sensitivity_mv_per_g.is_some()),
+        ];
+        let used: &[&str] = match format {
+            RecordFormat::File(SampleFile { kind, .. }) if kind.has_rate() => {
+                &["scale", "sensitivity_mv_per_g"]
+            }
+            RecordFormat::File(_) => &["sample_rate_hz", "scale", "sensitivity_mv_per_g"],
+            RecordFormat::Csv(_) => {
+                &["sample_rate_hz", "scale", "sensitivity_mv_per_g", "time_column", "columns"]
+            }
+            _ => &[],
+        };
+        if let Some((name, _)) = given.iter().find(|(name, is_given)| *is_given && !used.contains(name)) {
+            return Err(Problem::query(name, "given", "no value with this content-type"));
+        }
+        let (sample_rate_hz, scale) = (self.sample_rate_hz, self.scale()?);
+        Ok(match format {
+            RecordFormat::Csv(_) => {
+                let columns = self.columns.clone();
+                let mut layout = CsvParameters::new(sample_rate_hz, self.time_column, columns).layout()?;
+                layout.scale = scale;
+                RecordFormat::Csv(layout)
+            }
+            RecordFormat::File(file) => {
+                if let Some(rate) = sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+                    return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
+                }
+                RecordFormat::File(SampleFile { sample_rate_hz, scale, ..file })
+            }
+            other => other,
+        })
+    }
+
+    fn raw_format(&self) -> Result<RecordFormat, Problem> {
+        if self.sensitivity_mv_per_g.is_some() {
+            return Err(Problem::query(
+                "sensitivity_mv_per_g",
+                "given",
+                "no value for raw samples: use scale",
+            ));
+        }
+        let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
+        let sample = self.sample.as_deref().ok_or_else(|| missing("sample"))?;
+        let rate = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
+        let layout = sample
+            .parse()
+            .and_then(|sample| RawLayout::new(sample, rate, self.channels.unwrap_or(1), self.scale));
+        Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
+    }
+
+    /// Returns what is given beside the samples.
+    pub(crate) fn metadata(&self) -> Result<UploadMetadata, Problem> {
+        let in_g = self.sensitivity_mv_per_g.map(|_| "g".to_owned());
+        if let (Some(_), Some(unit)) = (&in_g, self.unit.as_deref().filter(|unit| *unit != "g")) {
+            return Err(Problem::query("unit", unit, "g, or no value, with sensitivity_mv_per_g"));
+        }
+        Ok(UploadMetadata {
+            start_time: self.start_time,
+            channel: self.channel.clone(),
+            channel_names: listed(&self.channel_names),
+            unit: in_g.or_else(|| self.unit.clone()),
+            channel_units: listed(&self.channel_units),
+            operating_point: OperatingPoint {
+                shaft_speed_hz: self.shaft_speed_hz,
+                torque_nm: self.torque_nm,
+                temperature_c: self.temperature_c,
+            },
+            reference_wear_um: self.reference_wear_um,
+        })
+    }
+
+    /// Returns the factor for each value, if one is given.
+    fn scale(&self) -> Result<Option<f64>, Problem> {
+        if let Some(scale) = self.scale.filter(|scale| *scale == 0.0 || !scale.is_finite()) {
+            return Err(Problem::query("scale", scale, "a finite number other than 0"));
+        }
+        match self.sensitivity_mv_per_g {
+            None => Ok(self.scale),
+            Some(sensitivity) if sensitivity > 0.0 && sensitivity.is_finite() => {
+                Ok(Some(self.scale.unwrap_or(1.0) * MV_PER_V / sensitivity))
+            }
+            Some(other) => Err(Problem::query("sensitivity_mv_per_g", other, "a finite number above 0")),
+        }
+    }
+
+    /// Returns the new names of an MCAP recording's channels; a problem if anything else is given, as the
+    /// recording contains it.
+    pub(crate) fn channels_of_recording(&self) -> Result<ChannelNames, Problem> {
+        const USED: [&str; 3] = ["recorded_channels", "channel_names", "channel_units"];
+        let given = serde_json::to_value(self).unwrap_or_default();
+        let mut names = given.as_object().into_iter().flat_map(|given| given.keys());
+        if let Some(name) = names.find(|name| !USED.contains(&name.as_str())) {
+            return Err(Problem::query(name, "given", "no value: an MCAP file contains it for each record"));
+        }
+        let [recorded, names, units] =
+            [&self.recorded_channels, &self.channel_names, &self.channel_units].map(listed);
+        Ok(ChannelNames::new(&recorded, &names, &units)?)
+    }
+}
+
+/// The entries of a comma-separated list.
+fn listed(list: &Option<String>) -> Vec<String> {
+    let list = list.as_deref();
+    list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
+}

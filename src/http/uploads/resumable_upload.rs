@@ -1,0 +1,79 @@
+//! A resumable upload as returned by the API.
+
+use axum::http::StatusCode;
+use jiff::Timestamp;
+use serde::Serialize;
+
+use crate::asset::AssetId;
+use crate::http::problem::Problem;
+use crate::store::{StoredUpload, UploadProgress};
+
+/// The state of an upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum UploadState {
+    /// Bytes are missing.
+    Receiving,
+    /// All bytes have arrived and are being processed.
+    Reading,
+    /// Its records are stored.
+    Finished,
+    /// It could not be processed.
+    Failed,
+}
+
+/// A resumable upload.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub(crate) struct ResumableUpload {
+    /// Identifier.
+    pub(crate) id: String,
+    /// The asset whose records it holds.
+    pub(crate) asset: AssetId,
+    /// Its length in bytes.
+    pub(crate) length: u64,
+    /// Bytes received.
+    pub(crate) offset: u64,
+    /// Its state.
+    pub(crate) state: UploadState,
+    /// When it expires without further bytes.
+    pub(crate) expires_at: Timestamp,
+    /// Why processing is delayed: waiting for its turn, or the disk is full. In a cluster, only the node that
+    /// processes the upload reports it.
+    pub(crate) waits_for: Option<String>,
+    /// The result of its records, once finished.
+    #[schema(value_type = Option<Object>)]
+    pub(crate) result: Option<serde_json::Value>,
+    /// Why it failed.
+    pub(crate) error: Option<String>,
+}
+
+impl ResumableUpload {
+    /// Converts a stored upload; `waits_for` is what its processing in this process waits for.
+    pub(crate) fn new(stored: StoredUpload, waits_for: Option<String>) -> Self {
+        Self {
+            id: stored.id,
+            asset: stored.asset,
+            length: stored.length,
+            offset: stored.received,
+            state: match stored.progress {
+                UploadProgress::Receiving => UploadState::Receiving,
+                UploadProgress::Reading => UploadState::Reading,
+                UploadProgress::Finished => UploadState::Finished,
+                UploadProgress::Failed => UploadState::Failed,
+            },
+            expires_at: stored.expires_at,
+            waits_for,
+            result: stored.result.and_then(|text| serde_json::from_str(&text).ok()),
+            error: stored.error,
+        }
+    }
+
+    /// Rejects bytes at any offset but the next one.
+    pub(crate) fn check_offset(&self, at: u64) -> Result<(), Problem> {
+        if self.state == UploadState::Receiving && self.offset == at {
+            return Ok(());
+        }
+        let detail = format!("upload-offset is {at}, expected {} of {}", self.offset, self.length);
+        Err(Problem::new(StatusCode::CONFLICT, detail))
+    }
+}
