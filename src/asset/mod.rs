@@ -28,6 +28,6 @@ pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
 pub use spec::{AssetSpec, BaselineSpec, SensorSpec};
-pub use stream_spec::{OnAlarmSpec, SteadySpec, StreamSpec};
+pub use stream_spec::{DEFAULT_STREAM, OnAlarmSpec, SteadySpec, StreamSpec};
 pub use velocity_zones::{MachineClass, VelocityZone, VelocityZones};
 pub use wear_limits::WearLimits;

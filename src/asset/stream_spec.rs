@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
+/// The name of a stream that is not given one.
+pub const DEFAULT_STREAM: &str = "main";
+
 /// Minimum and maximum length of a record in seconds.
 const RECORD_S: std::ops::RangeInclusive<f64> = 0.1..=600.0;
 

@@ -1,5 +1,6 @@
 //! `flankwatch convert`: converts recordings to MCAP or WAV.
 
+mod error;
 mod source;
 
 use std::fs::{self, File, OpenOptions};
@@ -8,17 +9,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use jiff::Timestamp;
-use thiserror::Error;
 
-use super::CliError;
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
-use crate::asset::{AssetError, AssetId};
+use crate::asset::AssetId;
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
 use crate::signal::OperatingPoint;
+pub(super) use error::ConvertError;
+use error::argument;
 use source::Source;
 
 /// Frames between two steps of the progress bar.
@@ -66,46 +67,6 @@ pub(super) struct ConvertArgs {
     /// Replace OUT if it exists
     #[arg(long)]
     pub force: bool,
-}
-
-/// Errors of a conversion. An existing OUT is unchanged.
-#[derive(Debug, Error)]
-pub enum ConvertError {
-    /// An argument is invalid.
-    #[error("{argument} is {value}, expected {expected}")]
-    Argument {
-        /// Name of the argument.
-        argument: &'static str,
-        /// Value of the argument.
-        value: String,
-        /// Description of a valid value.
-        expected: String,
-    },
-    /// A name, a pattern or an option that other commands have too is invalid.
-    #[error(transparent)]
-    Files(#[from] Box<CliError>),
-    /// The asset identifier is invalid.
-    #[error("--asset: {0}")]
-    Asset(#[from] AssetError),
-    /// The file to write exists.
-    #[error("{0:?} exists, expected a new file (or --force to replace it)")]
-    Exists(PathBuf),
-    /// The input cannot be read, or its samples are not a valid record.
-    #[error("{path:?}: {source}")]
-    Input {
-        /// The input file.
-        path: PathBuf,
-        /// The underlying error.
-        source: RecordingError,
-    },
-    /// The output cannot be written.
-    #[error("{path:?}: {source}")]
-    Output {
-        /// The output file.
-        path: PathBuf,
-        /// The underlying error.
-        source: RecordingError,
-    },
 }
 
 /// Converts recordings, in bounded memory. The output appears under its name only when it is complete.
@@ -299,10 +260,6 @@ impl Drop for Partial {
 
 fn failed(path: &Path, error: std::io::Error) -> ConvertError {
     ConvertError::Output { path: path.to_owned(), source: error.into() }
-}
-
-fn argument(argument: &'static str, value: impl ToString, expected: impl Into<String>) -> ConvertError {
-    ConvertError::Argument { argument, value: value.to_string(), expected: expected.into() }
 }
 
 #[cfg(test)]

@@ -11,8 +11,8 @@
 use super::contact_band::{ContactBand, Rubbing, alpha_rad, arc_mm};
 use super::contact_load::contact_loads;
 use super::error::within;
+use super::flank_wear::WearProfile;
 use super::tooth_outline::ToothOutline;
-use super::wear::WearProfile;
 use super::wear_table::DepthCurve;
 use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 

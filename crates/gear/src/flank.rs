@@ -1,8 +1,11 @@
 //! One flank in the tooth's own coordinates X (the tooth's centre line) and Y: the perfect involute and the
 //! worn profile.
 
-use super::wear::WearProfile;
-use super::{FlankWear, Gear};
+use super::flank_wear::WearProfile;
+use super::{FlankWear, Gear, GearError, GearPair};
+
+/// Number of flank points at which the wear is compared with the tooth's thickness.
+const CHECKED_POINTS: usize = 200;
 
 /// A flank of one gear with its wear.
 #[derive(Debug, Clone)]
@@ -108,6 +111,35 @@ impl<'a> Flank<'a> {
     pub fn active_points(&self, count: usize) -> impl Iterator<Item = FlankPoint> + '_ {
         let (root, tip) = (self.gear.root_angle_rad, self.gear.tip_angle_rad);
         (0..=count).map(move |i| self.at(root + (tip - root) * i as f64 / count as f64))
+    }
+}
+
+impl FlankWear {
+    /// Returns the largest depth in mm on the active profiles of gear 1 and gear 2.
+    pub fn greatest_depth_mm(&self, pair: &GearPair) -> [f64; 2] {
+        [0, 1].map(|i| {
+            let flank = Flank::new(&pair.gears[i], self, i);
+            flank.active_points(CHECKED_POINTS).map(|point| point.depth_mm).fold(0.0, f64::max)
+        })
+    }
+
+    /// Rejects wear beyond the tooth's centre line.
+    pub(super) fn check_thickness(&self, pair: &GearPair, h_max_mm: f64) -> Result<(), GearError> {
+        for (i, gear) in pair.gears.iter().enumerate() {
+            for point in Flank::new(gear, self, i).active_points(CHECKED_POINTS) {
+                if point.y_mm - point.depth_mm <= 0.0 {
+                    let expected = format!(
+                        "a smaller depth: at radius {:.3} mm of gear {} the wear is {:.4} mm and half of the tooth is {:.4} mm",
+                        point.radius_mm,
+                        i + 1,
+                        point.depth_mm,
+                        point.y_mm
+                    );
+                    return Err(GearError::field("wear depth in mm", h_max_mm, expected));
+                }
+            }
+        }
+        Ok(())
     }
 }
 

@@ -58,16 +58,22 @@ pub struct GearPair {
     pub errors: Errors,
 }
 
-impl GearPair {
-    /// Validates every number of `spec` and computes the geometry.
-    pub(super) fn resolve(spec: &PairSpec) -> Result<Self, GearError> {
+impl PairSpec {
+    /// Validates every number and computes the geometry. Whether worn flanks still carry load is checked by
+    /// [`PairSpec::check`].
+    ///
+    /// # Errors
+    /// [`GearError::Field`] with the first invalid field, its value and the limit.
+    pub fn resolve(&self) -> Result<GearPair, GearError> {
         let mut refusals = Refusals::default();
-        let pair = Self::draft(spec, &mut refusals);
+        let pair = GearPair::draft(self, &mut refusals);
         refusals.first().and_then(|()| {
             pair.ok_or_else(|| GearError::field("geometry", "no pair", "two gears that can mesh"))
         })
     }
+}
 
+impl GearPair {
     /// Computes the geometry as far as possible, and collects all errors in order.
     pub(super) fn draft(spec: &PairSpec, refusals: &mut Refusals) -> Option<Self> {
         let basic = &spec.geometry;

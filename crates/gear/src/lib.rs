@@ -68,6 +68,7 @@ mod error;
 mod excitation;
 mod feasibility;
 mod flank;
+mod flank_wear;
 mod geometry;
 mod limits;
 mod line_contact;
@@ -100,13 +101,14 @@ mod tooth_touch;
 mod transmission_error;
 #[cfg(test)]
 mod trends;
-mod wear;
+mod wear_shape;
 mod wear_table;
 
 pub use archard::ArchardWear;
 pub use assessment::{Assessment, GeometryMeasure, MeasuredQuantity, Verdict};
 pub use error::GearError;
 pub use flank::{Flank, FlankPoint};
+pub use flank_wear::FlankWear;
 pub use geometry::{Gear, GearPair};
 pub use load_sharing::ElasticBodies;
 pub use mesh_cycle::MeshCycle;
@@ -119,7 +121,6 @@ pub use response::{simulate, simulate_together};
 pub use run_settings::RunSettings;
 pub use similarity::{Errors, Supports};
 pub use stiffness::PairStiffness;
-pub use wear::FlankWear;
 
 /// Version of the model: it changes when any number that the model gives for the same input changes.
 pub const MODEL_VERSION: &str = "2";

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_4;
 
 use super::error::{positive, within};
 use super::refusals::Refusals;
-use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
+use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, WearShape, WearSpec, wear_table};
 
 /// Largest bottom clearance of the basic rack in modules (ISO 53, profile A); above it the rack's flank is
 /// straight.
@@ -91,7 +91,26 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
         refusals.note(within("wear.hardness_pa", hardness, 1e6, 1e12));
     }
     refusals.note(within("wear.pressure_exponent", spec.wear.pressure_exponent, 0.3, 3.0));
-    refusals.note(wear::check_shape(&spec.wear));
+    refusals.note(check_shape(&spec.wear));
+}
+
+/// Rejects invalid parameters of a shape, whatever its depth.
+fn check_shape(spec: &WearSpec) -> Result<(), GearError> {
+    match spec.shape {
+        WearShape::Parabolic => check_parabola(spec),
+        WearShape::Table => wear_table::from_points(&spec.table, 1.0).map(drop),
+        WearShape::Floor | WearShape::Archard => Ok(()),
+    }
+}
+
+fn check_parabola(spec: &WearSpec) -> Result<(), GearError> {
+    within("wear.floor", spec.floor, 0.0, 1.0)?;
+    within("wear.tip_ratio", spec.tip_ratio, 0.0, 1.0)?;
+    if !(spec.exponent > 1.0 && spec.exponent <= 20.0) {
+        let expected = "above 1, so that the slope is continuous, and at most 20";
+        return Err(GearError::field("wear.exponent", spec.exponent, expected));
+    }
+    Ok(())
 }
 
 /// Checks both torques against the teeth: the force along the line of action on a piece of rack one module

@@ -1,6 +1,6 @@
 //! A gear pair as described in a pair file.
 
-use super::{GearError, GearPair};
+use super::GearError;
 use std::fmt;
 use std::str::FromStr;
 
@@ -382,14 +382,5 @@ impl PairSpec {
     /// [`PairSpec::resolve`].
     pub fn from_toml(text: &str) -> Result<Self, GearError> {
         Ok(toml::from_str(text)?)
-    }
-
-    /// Validates every number and computes the geometry. Whether worn flanks still carry load is checked by
-    /// [`PairSpec::check`].
-    ///
-    /// # Errors
-    /// [`GearError::Field`] with the first invalid field, its value and the limit.
-    pub fn resolve(&self) -> Result<GearPair, GearError> {
-        GearPair::resolve(self)
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::{GearError, GearPair, WearPoint};
+use super::{GearError, WearPoint};
 
 /// Largest number of lines in a table.
 const MAX_POINTS: usize = 10_000;
@@ -120,8 +120,8 @@ struct TextRow {
     depth_um: String,
 }
 
-/// Reads a table in CSV without scaling the depths.
-pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], GearError> {
+/// Reads a table in CSV without scaling the depths. `max_radii_mm` are the largest radii of both gears.
+pub(super) fn from_csv(text: &str, max_radii_mm: [f64; 2]) -> Result<[DepthCurve; 2], GearError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers()?.clone();
     if headers.iter().collect::<Vec<_>>() != ["gear", "radius_mm", "depth_um"] {
@@ -138,7 +138,7 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
             "2" => 1,
             _ => return Err(row_error(line, "gear", row.gear, "1 or 2")),
         };
-        let max_mm = 2.0 * pair.gears[gear].tip_radius_mm;
+        let max_mm = max_radii_mm[gear];
         let radius_mm = match row.radius_mm.parse::<f64>() {
             Ok(radius) if radius > 0.0 && radius <= max_mm => radius,
             _ => {

@@ -1,23 +1,16 @@
 //! Conversion between a `WaveformBlock` message and a [`Record`], in protobuf or JSON.
 
-use std::collections::BTreeMap;
-
 use jiff::Timestamp;
 use prost::Message;
 
 use super::RecordingError;
-use super::error::shortened;
+use super::decoded_block::DecodedBlock;
 use super::json::JsonBlock;
 use super::message::{self, WaveformBlock};
 use super::pulses::{Pulses, nanoseconds};
+use super::record_defaults::RecordDefaults;
 use super::{packed_samples, pulse_count};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
-
-/// Longest unit in bytes.
-const MAX_UNIT_BYTES: usize = 64;
-
-/// Longest channel name in bytes.
-pub(crate) const MAX_CHANNEL_BYTES: usize = 256;
 
 /// Encoding of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,70 +28,6 @@ impl BlockEncoding {
             Self::Protobuf => "application/x-protobuf",
             Self::Json => "application/json",
         }
-    }
-}
-
-/// What a time of day without a date means for the start of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum TimeOfDay {
-    /// Nothing: the start time of the defaults counts.
-    #[default]
-    Ignored,
-    /// The recording starts at the first such time from the start time of the defaults on.
-    FromStart,
-    /// The recording starts at the last such time up to the start time of the defaults.
-    UpToStart,
-}
-
-/// Values of a record that the recording itself does not state.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct RecordDefaults {
-    /// Channel name.
-    pub channel: Option<String>,
-    /// Names of the channels in order, which replace those in the recording; empty, or one per channel.
-    pub channel_names: Vec<String>,
-    /// Time of the first sample of the recording.
-    pub start_time: Timestamp,
-    /// What a time of day in the recording, such as that of a CSV file, means for its start.
-    pub time_of_day: TimeOfDay,
-    /// Sampling rate in hertz of a recording that may lack it, such as CSV.
-    pub sample_rate_hz: Option<f64>,
-    /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is
-    /// 1 before it is applied.
-    pub scale: Option<f64>,
-    /// Unit of the samples.
-    pub unit: Option<String>,
-    /// Units of single channels by name; they take precedence over `unit`.
-    pub channel_units: BTreeMap<String, String>,
-    /// Operating point. Each field replaces a missing one of the recording.
-    pub operating_point: OperatingPoint,
-}
-
-impl RecordDefaults {
-    /// Returns the names for the channels of a recording without names: the given ones if their number
-    /// matches, else `"1"`, `"2"`, ….
-    #[must_use]
-    pub fn names_of(&self, channels: usize) -> Vec<String> {
-        match &self.channel {
-            _ if self.channel_names.len() == channels => self.channel_names.clone(),
-            Some(name) if channels == 1 => vec![name.clone()],
-            _ => (1..=channels).map(|k| k.to_string()).collect(),
-        }
-    }
-
-    /// Returns the names for the channels of a recording with names: the given ones if their number matches,
-    /// else the recording's.
-    #[must_use]
-    pub(crate) fn names_or(&self, own: Vec<String>) -> Vec<String> {
-        if self.channel_names.len() == own.len() || own.len() == 1 && self.channel.is_some() {
-            return self.names_of(own.len());
-        }
-        own
-    }
-
-    /// Returns the unit of a channel if the recording has none: `"1"` if unknown.
-    pub(crate) fn unit_of(&self, channel: &str) -> &str {
-        self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
     }
 }
 
@@ -144,21 +73,6 @@ pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
     }
 }
 
-/// A decoded block whose fields are not validated yet.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct DecodedBlock {
-    pub(crate) start_time: Option<Timestamp>,
-    pub(crate) sample_rate_hz: f64,
-    pub(crate) first_sample_index: u64,
-    pub(crate) unit: String,
-    pub(crate) channel: String,
-    pub(crate) samples: Vec<f32>,
-    pub(crate) operating_point: OperatingPoint,
-    pub(crate) quality: Quality,
-    pub(crate) pulses: Option<Pulses>,
-    pub(crate) source_scale: Option<f64>,
-}
-
 /// Decodes a block without validating its fields.
 pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<DecodedBlock, RecordingError> {
     match encoding {
@@ -198,56 +112,6 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
             })
         }
         BlockEncoding::Json => JsonBlock::decode(bytes)?.into_block(),
-    }
-}
-
-impl DecodedBlock {
-    /// Validates all fields; `channel` overrides the block's own.
-    pub(crate) fn into_record(
-        self,
-        channel: Option<&str>,
-        defaults: &RecordDefaults,
-    ) -> Result<Record, RecordingError> {
-        let given = channel.or(defaults.channel_names.first().map(String::as_str));
-        let channel = match (given, self.channel.as_str()) {
-            (Some(given), _) => given,
-            (None, "") => defaults.channel.as_deref().unwrap_or("1"),
-            (None, own) => own,
-        };
-        if channel.len() > MAX_CHANNEL_BYTES || channel.chars().any(char::is_control) {
-            return Err(RecordingError::field(
-                "channel",
-                format!("{:?}", shortened(channel)),
-                "at most 256 bytes without control characters",
-            ));
-        }
-        let unit = if self.unit.is_empty() { defaults.unit_of(channel) } else { &self.unit };
-        if unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
-            return Err(RecordingError::field(
-                "unit",
-                format!("{:?}", shortened(unit)),
-                "at most 64 bytes without control characters",
-            ));
-        }
-        if let Some(scale) = self.source_scale.filter(|scale| *scale == 0.0 || !scale.is_finite()) {
-            return Err(RecordingError::field("source_scale", scale, "a finite number other than 0"));
-        }
-        let start_time = self.start_time.unwrap_or(defaults.start_time);
-        let operating_point = completed_by(self.operating_point, defaults.operating_point);
-        let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?
-            .with_operating_point(operating_point)?;
-        let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
-        let record = record.with_quality(self.quality).with_tachometer(tachometer);
-        Ok(record.with_source_scale(self.source_scale))
-    }
-}
-
-/// Returns the first operating point, with missing fields taken from the second.
-pub(crate) fn completed_by(own: OperatingPoint, other: OperatingPoint) -> OperatingPoint {
-    OperatingPoint {
-        shaft_speed_hz: own.shaft_speed_hz.or(other.shaft_speed_hz),
-        torque_nm: own.torque_nm.or(other.torque_nm),
-        temperature_c: own.temperature_c.or(other.temperature_c),
     }
 }
 

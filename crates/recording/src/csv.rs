@@ -5,11 +5,10 @@ use std::io::{self, Read};
 use csv::{ByteRecord, ReaderBuilder};
 
 use super::RecordingError;
+use super::csv_clock::Clock;
 use super::csv_field::{Decimals, Moment, text};
-use super::csv_head::{BEGINNING_BYTES, Column, Head};
+use super::csv_head::{BEGINNING_BYTES, Column, ColumnRole, Head};
 use super::csv_layout::CsvLayout;
-use super::csv_preview::ColumnRole;
-use super::csv_time::Clock;
 use super::error::shortened;
 
 /// Longest line in bytes: a file without line ends must not exhaust memory.

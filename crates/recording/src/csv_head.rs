@@ -4,10 +4,10 @@
 use csv::ReaderBuilder;
 
 use super::RecordingError;
-use super::block::MAX_CHANNEL_BYTES;
+use super::csv_clock::Clock;
 use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit};
 use super::csv_layout::{CsvLayout, MAX_COLUMNS};
-use super::csv_time::Clock;
+use super::decoded_block::MAX_CHANNEL_BYTES;
 use super::error::shortened;
 
 /// Number of bytes examined before the samples are read.
@@ -18,6 +18,17 @@ const MAX_HEAD_LINES: usize = 500;
 
 /// Number of lines of samples that must be consistent before unnamed columns count as a clock.
 const CLOCK_LINES: usize = 16;
+
+/// Role of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnRole {
+    /// Samples.
+    Channel,
+    /// The time of each line.
+    Time,
+    /// Neither channel nor time.
+    Ignored,
+}
 
 /// The structure of a file.
 #[derive(Debug, Clone)]

@@ -2,18 +2,7 @@
 
 use jiff::Timestamp;
 
-use super::{CsvFrames, CsvLayout, CsvTiming, RecordingError};
-
-/// Role of a column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColumnRole {
-    /// Samples.
-    Channel,
-    /// The time of each line.
-    Time,
-    /// Neither channel nor time.
-    Ignored,
-}
+use super::{ColumnRole, CsvFrames, CsvLayout, CsvTiming, RecordingError};
 
 /// A column of a CSV file.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,7 +9,7 @@ use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::RecordingError;
-use super::block::DecodedBlock;
+use super::decoded_block::DecodedBlock;
 use super::pulses::{MAX_PULSES, Pulses};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
 

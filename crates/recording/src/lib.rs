@@ -49,6 +49,7 @@
 
 mod block;
 mod csv;
+mod csv_clock;
 mod csv_field;
 mod csv_head;
 mod csv_layout;
@@ -56,6 +57,7 @@ mod csv_preview;
 mod csv_records;
 mod csv_time;
 mod cut;
+mod decoded_block;
 mod error;
 #[cfg(feature = "files")]
 mod file;
@@ -80,16 +82,18 @@ mod packed_samples;
 mod pulse_count;
 mod pulses;
 mod raw;
+mod record_defaults;
 mod recorded;
 pub mod stream;
 mod wav;
 mod wav_format;
 mod wav_frames;
 
-pub use block::{BlockEncoding, RecordDefaults, TimeOfDay, decode_block, decode_indexed_block, encode_block};
+pub use block::{BlockEncoding, decode_block, decode_indexed_block, encode_block};
 pub use csv::CsvFrames;
+pub use csv_head::ColumnRole;
 pub use csv_layout::CsvLayout;
-pub use csv_preview::{ColumnRole, CsvColumn, CsvContents, CsvPreview};
+pub use csv_preview::{CsvColumn, CsvContents, CsvPreview};
 pub use csv_records::{TimedCsvFrames, decode_csv};
 pub use csv_time::CsvTiming;
 pub use cut::{Cut, RecordBlocks};
@@ -108,6 +112,7 @@ pub use mcap_reader::McapReader;
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
 pub use npy::{NpyFrames, decode_npy};
 pub use raw::{RawLayout, RawSample, decode_raw};
+pub use record_defaults::{RecordDefaults, TimeOfDay};
 pub use recorded::Recorded;
 pub use wav::{WavWriter, decode_wav};
 pub use wav_format::WavFormat;

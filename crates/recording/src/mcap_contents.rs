@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use jiff::Timestamp;
 use prost::Message;
 
-use super::block::{completed_by, decode_message, operating_point_of};
+use super::block::{decode_message, operating_point_of};
+use super::decoded_block::completed_by;
 use super::json::{JsonOperatingPoint, JsonTachometer};
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
 use super::mcap_topic::{asset_of, channel_of, shaft_of};

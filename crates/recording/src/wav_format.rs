@@ -7,7 +7,6 @@
 use std::io::{self, Read};
 
 use super::RecordingError;
-use super::wav_frames::decode;
 
 /// Largest number of channels.
 const MAX_CHANNELS: u16 = 256;
@@ -59,11 +58,6 @@ impl WavFormat {
         let header = WavHeader::read_any_length(reader)?;
         let declared = header.data_bytes.filter(|bytes| (1..OPEN_LENGTH).contains(bytes));
         Ok((header.format, declared))
-    }
-
-    /// Returns the value of one sample's bytes, as in [`WavFrames`](super::WavFrames).
-    pub fn value(&self, bytes: &[u8]) -> f32 {
-        decode(bytes, self, None)
     }
 }
 

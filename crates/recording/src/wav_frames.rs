@@ -178,6 +178,13 @@ impl<R: Read> WavFrames<R> {
     }
 }
 
+impl WavFormat {
+    /// Returns the value of one sample's bytes, as in [`WavFrames`].
+    pub fn value(&self, bytes: &[u8]) -> f32 {
+        decode(bytes, self, None)
+    }
+}
+
 /// Returns a container's bytes in the upper bytes of a word, most significant byte first.
 fn most_significant_first(bytes: &[u8], format: &WavFormat) -> u64 {
     let mut word = [0; 8];
@@ -193,7 +200,7 @@ fn low_bytes(bytes: &[u8], format: &WavFormat, padding: usize) -> u64 {
     (most_significant_first(bytes, format) >> (64 - 8 * bytes.len())) & ((1 << (8 * padding)) - 1)
 }
 
-pub(crate) fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
+fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
     let word = most_significant_first(bytes, format);
     if format.float {
         return match format.container {

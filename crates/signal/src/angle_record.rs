@@ -5,14 +5,9 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::by_name::Name;
-use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::shaft_angle::AngleSource;
 use super::spectrum::hann_amplitude;
 use super::transform::{Float, Transforms};
-use super::turn_bins::bins_around;
-
-/// Up to this many bins to each side of a line, direct summation costs less than a full transform.
-pub(super) const MAX_SUMMED_REACH: usize = 8;
 
 /// Whole turns of a shaft, sampled at equal steps of its angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,55 +65,6 @@ impl AngleRecord {
         }
     }
 
-    /// Reads the line at order `teeth` of the Hann amplitude spectrum over orders like [`read_line`]; its
-    /// position is in bins. Also returns the mean over all turns, which comes with it for nothing.
-    pub(super) fn mesh_line_and_average(
-        &self,
-        teeth: u32,
-        transforms: &mut Transforms,
-    ) -> (Option<LineReading>, Vec<f64>) {
-        let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
-        let line = self.mesh_line(teeth, &mut average, transforms);
-        if average.is_empty() {
-            self.average_into([&mut average, &mut odd]);
-        }
-        transforms.recycle(odd);
-        (line, average)
-    }
-
-    /// Reads the line at order `teeth` and, where that sums over all turns, writes their mean to `average`.
-    ///
-    /// Computes only the bins around the line. The number of samples differs from record to record and may
-    /// have factors that make a full transform slow, and its plan would serve this record only.
-    fn mesh_line(
-        &self,
-        teeth: u32,
-        average: &mut Vec<f64>,
-        transforms: &mut Transforms,
-    ) -> Option<LineReading> {
-        let position = teeth as usize * self.turns;
-        let half = self.samples.len() / 2;
-        if !fits(position as f64, half + 1) {
-            return None;
-        }
-        // The line's neighbours, and those that the window combines with them.
-        let reach = search_reach(position as f64) as usize + 2;
-        if reach > MAX_SUMMED_REACH || position <= reach || position + reach >= half {
-            return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
-        }
-        let bins = bins_around(self, teeth as usize, reach, average, transforms);
-        let scale = 1.0 / self.turns as f64;
-        average.iter_mut().for_each(|sum| *sum *= scale);
-        let one_sided = 4.0 / self.samples.len() as f64;
-        let mut amplitude = [0.0; 2 * MAX_SUMMED_REACH];
-        for (amplitude, w) in amplitude.iter_mut().zip(bins.windows(3)) {
-            *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
-        }
-        let line = read_line_in(&amplitude[..bins.len() - 2], position + 1 - reach, position as f64);
-        transforms.recycle_complex(bins);
-        Some(line)
-    }
-
     /// Returns the Hann amplitude spectrum over orders.
     pub(super) fn order_spectrum(&self, transforms: &mut Transforms) -> OrderSpectrum {
         let mut samples: Vec<f64> = self.samples.iter().map(|&sample| sample.into()).collect();
@@ -169,6 +115,7 @@ impl<T: Float + From<f32>> WithSimd for EverySecondTurn<'_, T> {
 mod tests {
     use std::f64::consts::TAU;
 
+    use super::super::line::read_line;
     use super::*;
 
     /// The line read from a few bins is the one in the whole spectrum.

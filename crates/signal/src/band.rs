@@ -5,10 +5,10 @@ use std::ops::RangeInclusive;
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
-use super::indicators::NotComputed;
+use super::motion::Motion;
+use super::not_computed::NotComputed;
 use super::spectrum::HANN_BANDWIDTH_BINS;
 use super::sums::sum_of;
-use super::velocity::to_mm_per_s;
 
 /// The quantity whose root mean square a band gives.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,6 +65,15 @@ impl Band {
 pub fn is_name(name: &str) -> bool {
     let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
     letters && (1..=32).contains(&name.len())
+}
+
+/// Returns the unit's factor to mm/s, and whether its samples must be integrated to velocity.
+fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
+    match Motion::of_unit(unit)? {
+        (Motion::Acceleration, si) => Some((1e3 * si, true)),
+        (Motion::Velocity, si) => Some((1e3 * si, false)),
+        (Motion::Displacement, _) => None,
+    }
 }
 
 /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest frequency,

@@ -4,8 +4,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::bearing::{Bearing, BearingLine};
-use super::indicators::{Indicators, NotComputed};
+use super::indicators::Indicators;
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, fits, noise_amplitude, read_line};
+use super::not_computed::NotComputed;
 
 /// Number of harmonics of a fault frequency that are summed.
 const HARMONICS: usize = 3;

@@ -4,7 +4,7 @@ use flankwatch_fourier::Complex;
 use serde::Serialize;
 
 use super::analyzer::Analyzer;
-use super::indicators::NotComputed;
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 
 /// Lowest amplitude relative to the highest, to avoid the logarithm of zero.

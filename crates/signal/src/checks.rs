@@ -5,9 +5,9 @@ use std::f64::consts::SQRT_2;
 
 use smol_str::format_smolstr;
 
+use super::comb::SHAFT_RESOLVED_BINS;
 use super::features::Features;
 use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;

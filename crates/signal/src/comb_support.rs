@@ -2,8 +2,8 @@
 
 use smallvec::SmallVec;
 
+use super::comb::SHAFT_RESOLVED_BINS;
 use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_context::MeshContext;
 use super::sums::mean_of;
 

@@ -9,8 +9,8 @@ use super::by_name::Name;
 use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
 use super::impacts::BearingSettings;
-use super::indicators::NotComputed;
 use super::mesh_context::MeshContext;
+use super::not_computed::NotComputed;
 use super::record::{Quality, RecordOf};
 
 /// Identifier of the method behind the indicators over the shaft angle.

@@ -4,8 +4,8 @@ use super::analyzer::Analyzer;
 use super::angle_record::AngleRecord;
 use super::gear_analysis::split;
 use super::gear_signals::GearSignals;
-use super::indicators::NotComputed;
 use super::mesh_context::MeshContext;
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 

@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::indicators::NotComputed;
+use super::not_computed::NotComputed;
 use super::spectrum::hann_amplitude;
 use super::sums::mean_of;
 use super::transform::Transforms;

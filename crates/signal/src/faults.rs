@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::indicators::NotComputed;
+use super::not_computed::NotComputed;
 
 /// This many equal samples in a row are a gap.
 const GAP_SAMPLES: usize = 64;

@@ -5,7 +5,7 @@ use smol_str::format_smolstr;
 
 use super::bearing_lines::EnvelopeLine;
 use super::by_name::{ByName, Name};
-use super::indicators::NotComputed;
+use super::not_computed::NotComputed;
 use super::record::OperatingPoint;
 
 /// Identifier of the method behind the features. Only values with the same identifier are comparable.

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::by_name::Name;
 use super::gear_signals::GearSignals;
-use super::indicators::{Indicators, NotComputed};
+use super::indicators::Indicators;
+use super::not_computed::NotComputed;
 use super::shaft_angle::AngleSource;
 
 /// Names of all indicators over the shaft angle.

@@ -4,7 +4,8 @@ use super::analyzer::{Analysis, Analyzer};
 use super::bearing::Bearing;
 use super::bearing_lines::EnvelopeLines;
 use super::envelope::{EnvelopeBand, EnvelopeSearch, band_bins};
-use super::indicators::{Indicators, NotComputed};
+use super::indicators::Indicators;
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::speed::SpeedSource;
 

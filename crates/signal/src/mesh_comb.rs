@@ -1,5 +1,6 @@
 //! Search for the comb of mesh harmonics in a Hann amplitude spectrum. Positions are in bins.
 
+use super::comb::{MESH_RESOLVED_BINS, MeshComb, SHAFT_RESOLVED_BINS};
 use super::line::{fits, noise_amplitude, read_line};
 use super::smeared_comb;
 
@@ -16,27 +17,11 @@ const SIDEBAND_WEIGHT: f64 = 0.5;
 /// Probability that the best candidate in white noise is accepted as a comb.
 const FALSE_ALARM: f64 = 1e-3;
 
-/// Shaft rates below this many bins are too low to separate a sideband from its carrier.
-pub(super) const SHAFT_RESOLVED_BINS: f64 = 8.0;
-
-/// Fewest bins from zero to the mesh frequency and between harmonics.
-pub(super) const MESH_RESOLVED_BINS: f64 = 4.0;
-
 /// Lowest background relative to the highest line there.
 const NOISE_FLOOR: f64 = 1e-9;
 
 /// Fewest bins of a harmonic's background.
 const BACKGROUND_BINS: f64 = 64.0;
-
-/// A detected comb.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct MeshComb {
-    /// The mesh frequency in bins.
-    pub(super) mesh: f64,
-    /// Root mean square over the comb's lines of the ratio of amplitude to background (the noise's
-    /// root-mean-square amplitude in one bin): about 1 in noise.
-    pub(super) to_background: f64,
-}
 
 /// Searches the comb h·f, h = 1 … 5 (as far as it fits), with f from `low` to `high` bins.
 ///

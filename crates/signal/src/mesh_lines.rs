@@ -3,9 +3,9 @@
 use serde::Serialize;
 use smol_str::format_smolstr;
 
+use super::comb::SHAFT_RESOLVED_BINS;
 use super::features::Features;
 use super::line::{LineReading, MAIN_LOBE_BINS, background, fits, read_line, read_mesh_line, search_reach};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;

@@ -2,7 +2,8 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::indicators::{Indicators, NotComputed};
+use super::indicators::Indicators;
+use super::not_computed::NotComputed;
 use super::transform::Float;
 
 /// Every this many samples, one contributes to the provisional mean.

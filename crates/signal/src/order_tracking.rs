@@ -2,10 +2,10 @@
 
 use super::analyzer::Analyzer;
 use super::angle_record::{AngleRecord, OrderSpectrum};
-use super::indicators::NotComputed;
 use super::mesh_context::MeshContext;
 use super::mesh_phase::MeshBand;
 use super::moments::Moments;
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::resampling::MIN_TURNS;
 use super::shaft_angle::ShaftAngle;

@@ -3,8 +3,8 @@
 use pulp::{Simd, WithSimd};
 
 use super::angle_record::AngleRecord;
-use super::indicators::NotComputed;
 use super::interpolation::{Kernel, REACH};
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;

@@ -5,8 +5,8 @@
 //! smear does. For each candidate, the energy in a window around each harmonic, with a width proportional to
 //! the harmonic's frequency, is compared with the noise beside it.
 
+use super::comb::MeshComb;
 use super::line::{fits, noise_amplitude};
-use super::mesh_comb::MeshComb;
 
 /// Number of harmonics examined.
 const ORDERS: usize = 10;

@@ -2,11 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::comb::{MESH_RESOLVED_BINS, MeshComb};
 use super::comb_support::{CombDoubt, Reading, Support, support};
-use super::indicators::NotComputed;
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
-use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
+use super::mesh_comb;
 use super::mesh_context::MeshContext;
+use super::not_computed::NotComputed;
 use super::record::RecordOf;
 
 /// Source of a shaft speed.

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 
 use flankwatch_fourier::{Complex, FftDirection};
 
+use super::comb::SHAFT_RESOLVED_BINS;
 use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_phase::MeshBand;
 use super::record_spectrum::RecordSpectrum;
 use super::shaft_angle::{AngleSource, ShaftAngle};

@@ -1,4 +1,4 @@
-//! A few bins of the transform of a record over an angle, without the whole transform.
+//! The mesh line of a record over an angle, from a few bins of its transform without the whole transform.
 //!
 //! For T turns with the samples x(t, j), N in all, bin zT + m is Σⱼ exp(−2πi(zT + m)j/N) ·
 //! Σₜ x(t, j)·exp(−2πimt/T). The inner sum over the turns is the same for all orders z, and for −m it is the
@@ -10,8 +10,12 @@ use flankwatch_fourier::Complex;
 use pulp::{Arch, Simd, WithSimd};
 use smallvec::SmallVec;
 
-use super::angle_record::{AngleRecord, MAX_SUMMED_REACH};
+use super::angle_record::AngleRecord;
+use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::transform::Transforms;
+
+/// Up to this many bins to each side of a line, direct summation costs less than a full transform.
+const MAX_SUMMED_REACH: usize = 8;
 
 /// Number of turns added at once: each partial sum is loaded and stored once for all of them.
 const TURNS_AT_ONCE: usize = 4;
@@ -19,9 +23,60 @@ const TURNS_AT_ONCE: usize = 4;
 /// Number of angles added over all turns at once: their partial sums stay in the first-level cache.
 const ANGLES_AT_ONCE: usize = 256;
 
+impl AngleRecord {
+    /// Reads the line at order `teeth` of the Hann amplitude spectrum over orders like [`read_line`]; its
+    /// position is in bins. Also returns the mean over all turns, which comes with it for nothing.
+    pub(super) fn mesh_line_and_average(
+        &self,
+        teeth: u32,
+        transforms: &mut Transforms,
+    ) -> (Option<LineReading>, Vec<f64>) {
+        let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
+        let line = self.mesh_line(teeth, &mut average, transforms);
+        if average.is_empty() {
+            self.average_into([&mut average, &mut odd]);
+        }
+        transforms.recycle(odd);
+        (line, average)
+    }
+
+    /// Reads the line at order `teeth` and, where that sums over all turns, writes their mean to `average`.
+    ///
+    /// Computes only the bins around the line. The number of samples differs from record to record and may
+    /// have factors that make a full transform slow, and its plan would serve this record only.
+    fn mesh_line(
+        &self,
+        teeth: u32,
+        average: &mut Vec<f64>,
+        transforms: &mut Transforms,
+    ) -> Option<LineReading> {
+        let position = teeth as usize * self.turns;
+        let half = self.samples.len() / 2;
+        if !fits(position as f64, half + 1) {
+            return None;
+        }
+        // The line's neighbours, and those that the window combines with them.
+        let reach = search_reach(position as f64) as usize + 2;
+        if reach > MAX_SUMMED_REACH || position <= reach || position + reach >= half {
+            return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
+        }
+        let bins = bins_around(self, teeth as usize, reach, average, transforms);
+        let scale = 1.0 / self.turns as f64;
+        average.iter_mut().for_each(|sum| *sum *= scale);
+        let one_sided = 4.0 / self.samples.len() as f64;
+        let mut amplitude = [0.0; 2 * MAX_SUMMED_REACH];
+        for (amplitude, w) in amplitude.iter_mut().zip(bins.windows(3)) {
+            *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
+        }
+        let line = read_line_in(&amplitude[..bins.len() - 2], position + 1 - reach, position as f64);
+        transforms.recycle_complex(bins);
+        Some(line)
+    }
+}
+
 /// Returns the bins within `reach` of a shaft's order, of the transform without a window. Leaves the sum over
 /// all turns in `turn_sum`.
-pub(super) fn bins_around(
+fn bins_around(
     record: &AngleRecord,
     order: usize,
     reach: usize,

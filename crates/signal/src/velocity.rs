@@ -1,8 +1,7 @@
 //! The root mean square of the vibration velocity as in ISO 20816.
 
 use super::band::{BandQuantity, rms_between};
-use super::indicators::NotComputed;
-use super::motion::Motion;
+use super::not_computed::NotComputed;
 
 /// Name of the indicator.
 pub const VELOCITY_RMS: &str = "velocity_rms";
@@ -12,15 +11,6 @@ const BAND_HZ: [f64; 2] = [10.0, 1000.0];
 
 /// Fewest bins from zero to the band's lower end: integration would amplify leakage from below it.
 const MIN_BINS: f64 = 2.0;
-
-/// Returns the unit's factor to mm/s, and whether its samples must be integrated to velocity.
-pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
-    match Motion::of_unit(unit)? {
-        (Motion::Acceleration, si) => Some((1e3 * si, true)),
-        (Motion::Velocity, si) => Some((1e3 * si, false)),
-        (Motion::Displacement, _) => None,
-    }
-}
 
 /// Returns the root mean square of velocity from 10 to 1000 Hz in mm/s, from the Hann amplitude spectrum of
 /// `samples` samples.

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{ConvertArgs, ConvertError, argument};
+use super::ConvertArgs;
+use super::error::{ConvertError, argument};
 use crate::recording::{FileFrames, Format, Frames, FramesInfo, RecordDefaults, RecordingError};
 
 /// Frames of one file.

@@ -24,6 +24,7 @@ use jiff::Timestamp;
 use super::interrupt::interrupted;
 use super::server::{ServerArgs, asset_id};
 use super::{CliError, output};
+use crate::asset::DEFAULT_STREAM;
 use crate::recording::RawSample;
 use crate::recording::stream::StreamFormat;
 use sender::{SendOutcome, Sender};
@@ -49,7 +50,7 @@ pub(super) struct StreamArgs {
     #[command(flatten)]
     server: ServerArgs,
     /// Name of the stream, unique within the asset
-    #[arg(long, default_value = "main")]
+    #[arg(long, default_value = DEFAULT_STREAM)]
     name: String,
     /// Sound card to read instead of a file or pipe, by its name in ALSA, such as hw:1; with --rate
     #[arg(long, value_name = "DEVICE", requires = "rate", conflicts_with_all = ["source", "start_time", "follow"])]

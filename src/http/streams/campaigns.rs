@@ -6,8 +6,7 @@ use axum::http::StatusCode;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::DEFAULT_NAME;
-use crate::asset::AssetId;
+use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::query::{AssetInPath, Parameters};
@@ -83,7 +82,7 @@ pub(crate) async fn begin(
     if !(1.0..=MAX_S).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
     }
-    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
 }
 
@@ -102,7 +101,7 @@ pub(crate) async fn end(
     AssetInPath(asset): AssetInPath,
     Parameters(params): Parameters<CampaignEndParameters>,
 ) -> Result<StatusCode, Problem> {
-    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     app.service.streams.end_campaign(&asset, name).await?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -11,8 +11,7 @@ use futures_util::stream::unfold;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-use super::DEFAULT_NAME;
-use crate::asset::AssetId;
+use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::http::access::TokenWatch;
 use crate::http::access::session::Caller;
 use crate::http::access::shares::{Client, Share};
@@ -83,7 +82,7 @@ pub(crate) async fn watch(
     client: Client,
     caller: Option<Extension<Caller>>,
 ) -> Result<Response, Problem> {
-    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     let Some(share) = app.event_streams.take(client) else {
         return Ok(events::too_many());
     };

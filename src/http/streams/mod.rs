@@ -25,16 +25,13 @@ use super::problem::{Details, Problem};
 use super::request::body::{self, BodySource};
 use super::request::query::{AssetInPath, Parameters};
 use super::server::connections::closing;
-use crate::asset::AssetId;
+use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::{ServiceError, StreamProgress, StreamSender};
 use views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
-
-/// The default name of a stream.
-pub(super) const DEFAULT_NAME: &str = "main";
 
 /// Bytes of a body processed at a time.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -155,7 +152,7 @@ impl StreamParameters {
     }
 
     fn name(&self) -> &str {
-        self.name.as_deref().unwrap_or(DEFAULT_NAME)
+        self.name.as_deref().unwrap_or(DEFAULT_STREAM)
     }
 }
 
@@ -356,7 +353,7 @@ pub(super) async fn levels(
         time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
     };
     let (from_ns, to_ns) = (nanoseconds(params.from, i64::MIN), nanoseconds(params.to, i64::MAX));
-    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
     let number = |value: f32| value.is_finite().then(|| f64::from(value));
     let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
@@ -390,7 +387,7 @@ pub(super) async fn keep(
     if !(0.1..=60.0).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 0.1 to 60"));
     }
-    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     let (start_time, samples) = app.service.streams.keep_last(&asset, name, seconds).await?;
     Ok(Json(KeptView { start_time, samples }))
 }

@@ -46,14 +46,11 @@ use cutting::{Cutting, check_bytes};
 pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::LiveStream;
-use place::{SharedRows, StreamPlaces, random, streams_in, too_many};
+use place::{MAX_OF_ASSET, SharedRows, StreamPlaces, check_name, random, streams_in, too_many};
 pub use sender::StreamSender;
 use stored::StoredStream;
 pub use stored::{StreamGap, StreamProgress};
 pub(crate) use tachometer::Pulses;
-
-/// Maximum number of streams of one asset.
-const MAX_OF_ASSET: usize = 16;
 
 /// Time for the database to end what it is doing with streams when the service ends.
 const CLOSING: Duration = Duration::from_secs(2);
@@ -391,14 +388,5 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, Se
         records_waiting: state.pending.len() as u64,
         journal_bytes: stored.journal_bytes()?,
         campaign: CampaignStatus::of(state),
-    })
-}
-
-/// Checks a stream name, which is part of a path.
-fn check_name(name: &str) -> Result<(), ServiceError> {
-    AssetId::new(name).map(|_| ()).map_err(|_| ServiceError::Field {
-        field: "name",
-        value: format!("{:?}", name.chars().take(64).collect::<String>()),
-        expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit",
     })
 }

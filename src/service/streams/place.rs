@@ -6,12 +6,14 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use tokio::runtime::Handle;
 
-use super::MAX_OF_ASSET;
 use super::state::StreamState;
 use crate::asset::AssetId;
 use crate::service::clock::Clock;
 use crate::service::error::ServiceError;
 use crate::store::{Disk, Store};
+
+/// Maximum number of streams of one asset.
+pub(super) const MAX_OF_ASSET: usize = 16;
 
 /// Where the streams of a service are.
 #[derive(Debug, Clone)]
@@ -136,9 +138,18 @@ pub(super) fn streams_in(folder: &Path) -> Vec<(AssetId, String)> {
         .flat_map(|asset| {
             let streams = names(&folder.join(asset.as_str())).into_iter();
             streams
-                .filter(|name| super::check_name(name).is_ok())
+                .filter(|name| check_name(name).is_ok())
                 .map(move |name| (asset.clone(), name))
                 .collect::<Vec<_>>()
         })
         .collect()
+}
+
+/// Checks a stream name, which is part of a path.
+pub(super) fn check_name(name: &str) -> Result<(), ServiceError> {
+    AssetId::new(name).map(|_| ()).map_err(|_| ServiceError::Field {
+        field: "name",
+        value: format!("{:?}", name.chars().take(64).collect::<String>()),
+        expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit",
+    })
 }

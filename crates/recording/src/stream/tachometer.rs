@@ -1,12 +1,9 @@
 //! A channel of a stream that is the signal of a tachometer: the pulses in it, and the other channels without
 //! it.
 
-use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use super::super::RecordingError;
-use super::StreamFormat;
-use flankwatch_signal::Tachometer;
 
 /// Highest level, in the stream's unit.
 const MAX_LEVEL: f64 = 1e30;
@@ -67,7 +64,7 @@ impl TachometerChannel {
 
     /// Returns the positions of the pulses in a signal, in samples after the first one: on the straight line
     /// between the two samples around the level.
-    fn crossings(&self, signal: impl Iterator<Item = f64>) -> impl Iterator<Item = f64> {
+    pub(super) fn crossings(&self, signal: impl Iterator<Item = f64>) -> impl Iterator<Item = f64> {
         let low = self.level - self.hysteresis;
         // Whether the signal has been low since the last pulse, and consisted of numbers since then.
         let (mut is_armed, mut before) = (false, f64::NAN);
@@ -83,79 +80,9 @@ impl TachometerChannel {
     }
 }
 
-impl StreamFormat {
-    /// Sets the channel that is a tachometer, by its name: one of `channel_names`, or else its number from 1.
-    ///
-    /// # Errors
-    /// There is no such channel, or no other one; an invalid level.
-    pub fn with_tachometer(
-        mut self,
-        channel: &str,
-        level: f64,
-        hysteresis: Option<f64>,
-        pulses_per_revolution: u32,
-    ) -> Result<Self, RecordingError> {
-        let Some(position) = self.names().iter().position(|name| name == channel) else {
-            return Err(RecordingError::field("tachometer_channel", channel, "the name of a channel"));
-        };
-        if self.channels() < 2 {
-            let expected = "one of several channels: another one measures vibration";
-            return Err(RecordingError::field("tachometer_channel", channel, expected));
-        }
-        self.tachometer = Some(TachometerChannel::new(position, level, hysteresis, pulses_per_revolution)?);
-        Ok(self)
-    }
-
-    /// Returns the channel that is a tachometer.
-    pub fn tachometer(&self) -> Option<&TachometerChannel> {
-        self.tachometer.as_ref()
-    }
-
-    /// Returns the name of the channel that is a tachometer.
-    pub fn name_of(&self, tachometer: &TachometerChannel) -> String {
-        self.names().into_iter().nth(tachometer.channel).unwrap_or_default()
-    }
-
-    /// Returns the names of the channels, which are numbers from 1 unless they are stated.
-    pub fn names(&self) -> Vec<String> {
-        if self.channel_names.is_empty() {
-            return (1..=self.channels()).map(|number| number.to_string()).collect();
-        }
-        self.channel_names.clone()
-    }
-
-    /// Returns the pulses in frames of which `lead` precede a record; `None` without any.
-    pub fn pulses(&self, frames: &[u8], lead: u64) -> Option<Tachometer> {
-        let tachometer = self.tachometer.as_ref()?;
-        let place = tachometer.channel * self.sample().bytes();
-        let signal = frames.chunks_exact(self.frame_bytes()).map(|frame| self.value(&frame[place..]));
-        let seconds = |position: f64| (position - lead as f64) / self.sample_rate_hz();
-        let pulse_times_s: Vec<f64> = tachometer.crossings(signal).map(seconds).collect();
-        let pulses_per_revolution = tachometer.pulses_per_revolution;
-        (!pulse_times_s.is_empty()).then_some(Tachometer { pulse_times_s, pulses_per_revolution })
-    }
-
-    /// Returns the format of the other channels, and frames of only these.
-    pub fn without_tachometer(&self, frames: Bytes) -> (Self, Bytes) {
-        let Some(tachometer) = &self.tachometer else { return (self.clone(), frames) };
-        let mut channel_names = self.names();
-        channel_names.remove(tachometer.channel);
-        let place = tachometer.channel * self.sample().bytes();
-        let after = place + self.sample().bytes();
-        let mut others = Vec::with_capacity(frames.len() / self.channels() * channel_names.len());
-        for frame in frames.chunks_exact(self.frame_bytes()) {
-            others.extend_from_slice(&frame[..place]);
-            others.extend_from_slice(&frame[after..]);
-        }
-        let mut format = self.clone();
-        format.channels -= 1;
-        (format.channel_names, format.tachometer) = (channel_names, None);
-        (format, others.into())
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::StreamFormat;
     use super::*;
     use crate::RawSample;
 

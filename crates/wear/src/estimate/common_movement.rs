@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use super::healthy_lines::MeasuredLines;
+use super::measured_lines::MeasuredLines;
 
 /// Fewest lines and records from which a direction is estimated.
 const MIN_LINES: usize = 6;
@@ -73,7 +73,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::estimate::healthy_lines::MeasuredLine;
+    use crate::estimate::measured_lines::MeasuredLine;
 
     const LINES: usize = 8;
 

@@ -4,8 +4,8 @@ use super::anchor::{Anchor, anchor_reach};
 use super::deviation::Deviation;
 use super::discrepancy::Discrepancy;
 use super::extrapolation::Extrapolation;
-use super::healthy_lines::{MeasuredLine, MeasuredLines};
 use super::load::Load;
+use super::measured_lines::{MeasuredLine, MeasuredLines};
 use crate::library::{DEPTHS, Ensemble, LANES, Lanes, REPORTED, line_name};
 
 /// Standard deviation of the torque scaling's error, as a part of its effect: pairs simulated at 0.5 to 2

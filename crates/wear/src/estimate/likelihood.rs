@@ -4,7 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::expectation::{Block, Expectations};
 use super::exponential::ln;
-use super::healthy_lines::MeasuredLine;
+use super::measured_lines::MeasuredLine;
 use crate::library::{DEPTHS, LANES, Lanes};
 
 /// Degrees of freedom of a line's Student t distribution, whose wide tails keep a single badly modelled line

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::healthy_lines::MeasuredLines;
+use super::measured_lines::MeasuredLines;
 use crate::library::MESH_LINES;
 
 /// Weight of the newest record in the mean over the last records, and in the mean over more records.
@@ -57,7 +57,7 @@ mod tests {
     use rand_distr::{Distribution, Normal};
 
     use super::*;
-    use crate::estimate::healthy_lines::MeasuredLine;
+    use crate::estimate::measured_lines::MeasuredLine;
 
     /// Number of records in which the lines move, of 300 whose lines change by `each` standard deviations
     /// from one record to the next.

@@ -30,6 +30,7 @@ mod levels;
 mod likelihood;
 mod line_motion;
 mod load;
+mod measured_lines;
 mod novelty;
 mod packed;
 mod prognosis;

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::healthy_lines::MeasuredLines;
+use super::measured_lines::MeasuredLines;
 use crate::library::MESH_LINES;
 
 /// A record differs from a level if its lines do by this many standard deviations, as a root mean square.
@@ -110,7 +110,7 @@ impl SuddenChange {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::healthy_lines::MeasuredLine;
+    use crate::estimate::measured_lines::MeasuredLine;
 
     /// A record whose lines have changed by 1 and 3 parts of `change`.
     fn record(change: f64) -> MeasuredLines {

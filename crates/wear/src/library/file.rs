@@ -56,7 +56,7 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
     let found: u32 =
         words.next().and_then(|word| word.parse().ok()).ok_or_else(|| damaged("no format version"))?;
     if found != FORMAT_VERSION {
-        return Err(LibraryError::Version { found });
+        return Err(LibraryError::Version { found, expected: FORMAT_VERSION });
     }
     let body = &bytes[end + 1..];
     let (expected, actual) = (words.next().unwrap_or_default(), hex(body));

@@ -10,17 +10,18 @@ mod cache;
 mod checkpoint;
 mod control;
 mod ensemble;
+mod error;
 mod file;
 mod grid;
 mod operating;
 mod part;
+mod state;
 #[cfg(test)]
 pub(crate) mod testing;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 pub use build::{build, library_id, response_record};
 #[cfg(feature = "files")]
@@ -33,13 +34,15 @@ pub use ensemble::{
     decode_ensemble, encode_ensemble, ensemble_id,
 };
 pub(crate) use ensemble::{LANES, Lanes, end_um, line_name};
+pub use error::LibraryError;
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
+pub use state::{CycleTable, LibraryState};
 
 use operating::FeatureCurves;
 
-use flankwatch_gear::{ContactRule, GearError, PairSpec};
-use flankwatch_signal::{Features, Indicators, OperatingPoint, RecordError};
+use flankwatch_gear::{ContactRule, PairSpec};
+use flankwatch_signal::OperatingPoint;
 
 /// Identity and inputs of a library.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,38 +64,6 @@ impl Manifest {
     pub fn contact(&self) -> ContactRule {
         self.pair.dynamics.contact
     }
-}
-
-/// One simulated wear state.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LibraryState {
-    /// Index in the library, from 0 for unworn.
-    pub index: usize,
-    /// Greatest wear depth in µm.
-    pub wear_um: f64,
-    /// Turns of the driving gear to this wear, where it follows Archard's law.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub driving_turns: Option<f64>,
-    /// Indicators of the simulated response.
-    #[serde(flatten)]
-    pub indicators: Indicators,
-    /// Features of the simulated response.
-    pub features: Features,
-    /// Mesh stiffness and transmission error over one mesh period.
-    pub cycle: CycleTable,
-}
-
-/// Mesh stiffness and transmission error over one mesh period. The four lists have one entry per position.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct CycleTable {
-    /// Angle φ₁ of the driving tooth in rad.
-    pub phi1_rad: Vec<f64>,
-    /// Mesh stiffness in N/m.
-    pub stiffness_n_per_m: Vec<f64>,
-    /// Unloaded static transmission error in rad of the driven gear.
-    pub uste_rad: Vec<f64>,
-    /// Tooth pairs that carry the load.
-    pub pairs_in_contact: Vec<u32>,
 }
 
 /// A grid of simulated wear states of one gear pair. It holds full states at the nominal operating point, and
@@ -173,61 +144,5 @@ impl Library {
     /// Returns the torques and speeds that the grid spans.
     pub fn operating_range(&self) -> OperatingRange {
         self.manifest.grid.operating_range(self.pair())
-    }
-}
-
-/// Why a library could not be built, read or written.
-#[derive(Debug, Error)]
-pub enum LibraryError {
-    /// A setting of the grid is invalid.
-    #[error("library {field} is {value}, expected {expected}")]
-    Grid {
-        /// Name of the field.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// The expected value.
-        expected: &'static str,
-    },
-    /// The gear model rejected the pair.
-    #[error("the gear pair cannot be simulated: {0}")]
-    Gear(#[source] GearError),
-    /// The model's response is not a valid record.
-    #[error("the simulated response of wear state {index} is not usable: {source}")]
-    Response {
-        /// Index of the wear state.
-        index: usize,
-        /// The cause.
-        source: RecordError,
-    },
-    /// The build was cancelled.
-    #[error("stopped before the library was complete")]
-    Cancelled,
-    /// The file is not a library, or it was changed after it was written.
-    #[error("damaged library file: {0}")]
-    Damaged(String),
-    /// The file has another format version.
-    #[error("library format version {found}, expected {FORMAT_VERSION}")]
-    Version {
-        /// The version found.
-        found: u32,
-    },
-    /// The file system returned an error.
-    #[cfg(feature = "files")]
-    #[error("{path}: {source}")]
-    Io {
-        /// The file or folder.
-        path: std::path::PathBuf,
-        /// The cause.
-        source: std::io::Error,
-    },
-}
-
-impl From<GearError> for LibraryError {
-    fn from(error: GearError) -> Self {
-        match error {
-            GearError::Stopped => Self::Cancelled,
-            error => Self::Gear(error),
-        }
     }
 }

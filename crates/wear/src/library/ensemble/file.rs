@@ -50,7 +50,7 @@ pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble
     };
     let found: u32 = version.parse().map_err(|_| damaged("no format version"))?;
     if found != FORMAT_VERSION {
-        return Err(LibraryError::Version { found });
+        return Err(LibraryError::Version { found, expected: FORMAT_VERSION });
     }
     let body = &bytes[end + 1..];
     if hash != hex(body) || !body.len().is_multiple_of(MEMBER_BYTES) {

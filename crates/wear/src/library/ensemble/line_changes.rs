@@ -1,6 +1,9 @@
 //! Changes of all members' mesh lines with wear, side by side for comparing a record with many at once.
 
-use super::{DEPTHS, MESH_LINES};
+use super::depths::DEPTHS;
+
+/// Number of mesh harmonics that are simulated for a member.
+pub const MESH_LINES: usize = 16;
 
 /// Number of members side by side.
 pub(crate) const LANES: usize = 16;

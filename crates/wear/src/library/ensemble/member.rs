@@ -4,11 +4,17 @@ use flankwatch_signal::Name;
 use serde::{Deserialize, Serialize};
 
 use super::super::Library;
-use super::{DEPTHS, MESH_LINES, VARIANTS, prior};
+use super::depths::DEPTHS;
+use super::line_changes::MESH_LINES;
+use super::prior;
 use flankwatch_gear::{
     ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings, WearShape,
     simulate_together,
 };
+
+/// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small
+/// errors. They share mesh cycles, which take most of a member's computing time.
+pub const VARIANTS: usize = 4;
 
 /// Positions of the mesh cycle.
 const CYCLE_POINTS: usize = 500;

@@ -5,6 +5,7 @@
 //! each of them affects how the mesh lines change with depth. The estimate therefore compares a record with
 //! many drawn pairs (see [`prior`]) and lets the records weight them.
 
+mod depths;
 mod file;
 mod line_changes;
 mod member;
@@ -20,26 +21,16 @@ use super::file::hex;
 use super::{BuildControl, Library, LibraryError};
 use flankwatch_gear::MODEL_VERSION;
 
+use depths::depths_um;
+pub(crate) use depths::end_um;
+pub use depths::{DEPTHS, REPORTED};
 pub use file::{decode_ensemble, encode_ensemble};
 use line_changes::LineChanges;
+pub use line_changes::MESH_LINES;
 pub(crate) use line_changes::{LANES, Lanes};
 use member::Simulated;
 pub(crate) use member::line_name;
-pub use member::{FlankPlace, Member};
-
-/// Number of mesh harmonics that are simulated for a member.
-pub const MESH_LINES: usize = 16;
-
-/// Number of wear depths that estimates report: from 0 to the library's last one.
-pub const REPORTED: usize = 50;
-
-/// Number of wear depths of a member: those that are reported, and some beyond the library's end. Without the
-/// latter, the probability of deeper wear would pile up at the end.
-pub const DEPTHS: usize = REPORTED + 4;
-
-/// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small
-/// errors. They share mesh cycles, which take most of a member's computing time.
-pub const VARIANTS: usize = 4;
+pub use member::{FlankPlace, Member, VARIANTS};
 
 /// Members used for provisional estimates while the rest are simulated.
 pub const FIRST_MEMBERS: usize = 96;
@@ -88,18 +79,6 @@ pub struct Ensemble {
 pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
     let inputs = format!("{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}", settings.members);
     hex(inputs.as_bytes())[..16].to_owned()
-}
-
-/// Returns the library's end in µm, the last reported one of the depths; 0 without depths.
-pub(crate) fn end_um(depths_um: &[f64]) -> f64 {
-    depths_um.get(REPORTED - 1).copied().unwrap_or(0.0)
-}
-
-/// Depths in µm from 0 to the library's end and beyond, closer together where wear is small and the lines
-/// change fast.
-fn depths_um(end_um: f64) -> Vec<f64> {
-    let part = |index: usize| index as f64 / (REPORTED - 1) as f64;
-    (0..DEPTHS).map(|index| end_um * part(index) * (0.25 + 0.75 * part(index))).collect()
 }
 
 impl Ensemble {

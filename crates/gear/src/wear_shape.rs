@@ -1,107 +1,12 @@
-//! Wear depth over the flanks of both gears, along Y, with its exact slope over the radius.
+//! Wear in the shape that a pair file or a table describes.
 
 use super::archard;
 use super::error::within;
+use super::flank_wear::{Parabola, WearProfile};
 use super::wear_table::{self, DepthCurve};
-use super::{ArchardWear, Flank, Gear, GearError, GearPair, WearShape, WearSpec};
-
-/// Number of flank points at which the wear is compared with the tooth's thickness.
-const CHECKED_POINTS: usize = 200;
-
-/// Wear depth of one flank over the radius s in mm of its unworn points.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum WearProfile {
-    /// No wear.
-    None,
-    /// The same depth in mm everywhere.
-    Floor(f64),
-    /// Least at the pitch point.
-    Parabolic(Parabola),
-    /// A table.
-    Table(DepthCurve),
-}
-
-/// The parabolic shape of [`WearSpec`], radii in mm.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Parabola {
-    h_max_mm: f64,
-    floor: f64,
-    tip_ratio: f64,
-    exponent: f64,
-    pitch_mm: f64,
-    sap_mm: f64,
-    tip_mm: f64,
-}
-
-impl Parabola {
-    fn depth_and_slope(&self, radius_mm: f64) -> (f64, f64) {
-        let (rise, length, sign) = if radius_mm < self.pitch_mm {
-            (1.0 - self.floor, self.pitch_mm - self.sap_mm, -1.0)
-        } else {
-            (self.tip_ratio - self.floor, self.tip_mm - self.pitch_mm, 1.0)
-        };
-        // If the pitch point lies outside the active profile, that side has no length.
-        if length <= 0.0 {
-            return (self.h_max_mm * self.floor, 0.0);
-        }
-        let part = (radius_mm - self.pitch_mm).abs() / length;
-        if sign < 0.0 && part > 1.0 + 1e-12 {
-            return (self.h_max_mm * (self.floor + rise), 0.0);
-        }
-        let power = part.powf(self.exponent - 1.0);
-        (
-            self.h_max_mm * (self.floor + rise * power * part),
-            self.h_max_mm * rise * self.exponent * power * sign / length,
-        )
-    }
-}
-
-impl WearProfile {
-    /// Returns the depth h in mm and dh/ds at the unworn radius `radius_mm`.
-    pub(super) fn depth_and_slope(&self, radius_mm: f64) -> (f64, f64) {
-        match self {
-            Self::None => (0.0, 0.0),
-            Self::Floor(depth) => (*depth, 0.0),
-            Self::Parabolic(parabola) => parabola.depth_and_slope(radius_mm),
-            Self::Table(curve) => curve.depth_and_slope(radius_mm),
-        }
-    }
-
-    /// Returns the radii in mm at which a derivative of the depth is discontinuous: quadrature intervals end
-    /// there.
-    pub(super) fn kinks_mm(&self) -> Vec<f64> {
-        match self {
-            Self::None | Self::Floor(_) => Vec::new(),
-            Self::Parabolic(parabola) => vec![parabola.sap_mm, parabola.pitch_mm],
-            Self::Table(curve) => curve.radii_mm().to_vec(),
-        }
-    }
-}
-
-/// Wear of the driving and the driven gear's working flanks: depth along Y over the radius of the unworn
-/// flank point. Below the active profile it equals that at its end.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FlankWear {
-    pub(super) profiles: [WearProfile; 2],
-    driving_turns: Option<f64>,
-}
+use super::{ArchardWear, FlankWear, GearError, GearPair, WearShape};
 
 impl FlankWear {
-    /// Returns perfect flanks.
-    pub fn none() -> Self {
-        Self::new([WearProfile::None, WearProfile::None])
-    }
-
-    pub(super) fn new(profiles: [WearProfile; 2]) -> Self {
-        Self { profiles, driving_turns: None }
-    }
-
-    /// Returns the turns of the driving gear that caused the wear, if its shape follows Archard's law: load
-    /// cycles of each of its teeth.
-    pub fn driving_turns(&self) -> Option<f64> {
-        self.driving_turns
-    }
-
     /// Creates wear in the shape of the pair's [`WearSpec`] with the largest depth `h_max_mm`.
     ///
     /// The pitch point of the parabolic shape is the operating one, where there is no sliding.
@@ -114,7 +19,7 @@ impl FlankWear {
         let spec = &pair.spec.wear;
         let profiles = match spec.shape {
             WearShape::Parabolic => {
-                pair.gears.each_ref().map(|gear| WearProfile::Parabolic(parabola(spec, gear, h_max_mm)))
+                pair.gears.each_ref().map(|gear| WearProfile::Parabolic(Parabola::new(spec, gear, h_max_mm)))
             }
             WearShape::Floor => [WearProfile::Floor(h_max_mm), WearProfile::Floor(h_max_mm)],
             WearShape::Table => wear_table::from_points(&spec.table, h_max_mm)?.map(WearProfile::Table),
@@ -154,7 +59,7 @@ impl FlankWear {
         match pair.spec.wear.shape {
             WearShape::Archard => Ok(ArchardWear::at_depths(pair, depths_mm, step_modules)?
                 .into_iter()
-                .map(|state| Self { driving_turns: Some(state.driving_turns), ..state.wear })
+                .map(|state| state.wear.after_turns(state.driving_turns))
                 .collect()),
             _ => depths_mm.iter().map(|depth| Self::from_shape(pair, *depth)).collect(),
         }
@@ -168,74 +73,12 @@ impl FlankWear {
     /// [`GearError::WearTable`] with line, field and value; [`GearError::WearTableCsv`] for invalid CSV;
     /// [`GearError::Field`] for a depth that leaves less than half of the tooth.
     pub fn from_table_csv(pair: &GearPair, csv: &str) -> Result<Self, GearError> {
-        let curves = wear_table::from_csv(csv, pair)?;
+        let max_radii_mm = pair.gears.each_ref().map(|gear| 2.0 * gear.tip_radius_mm);
+        let curves = wear_table::from_csv(csv, max_radii_mm)?;
         let deepest = curves.iter().map(DepthCurve::deepest_mm).fold(0.0, f64::max);
         let wear = Self::new(curves.map(WearProfile::Table));
         wear.check_thickness(pair, deepest)?;
         Ok(wear)
-    }
-
-    /// Returns the depth in mm along Y of gear `index` (0 drives) at the unworn radius `radius_mm` in mm.
-    pub fn depth_mm(&self, index: usize, radius_mm: f64) -> f64 {
-        self.profiles[index].depth_and_slope(radius_mm).0
-    }
-
-    /// Returns the largest depth in mm on the active profiles of gear 1 and gear 2.
-    pub fn greatest_depth_mm(&self, pair: &GearPair) -> [f64; 2] {
-        [0, 1].map(|i| {
-            let flank = Flank::new(&pair.gears[i], self, i);
-            flank.active_points(CHECKED_POINTS).map(|point| point.depth_mm).fold(0.0, f64::max)
-        })
-    }
-
-    /// Rejects wear beyond the tooth's centre line.
-    pub(super) fn check_thickness(&self, pair: &GearPair, h_max_mm: f64) -> Result<(), GearError> {
-        for (i, gear) in pair.gears.iter().enumerate() {
-            for point in Flank::new(gear, self, i).active_points(CHECKED_POINTS) {
-                if point.y_mm - point.depth_mm <= 0.0 {
-                    let expected = format!(
-                        "a smaller depth: at radius {:.3} mm of gear {} the wear is {:.4} mm and half of the tooth is {:.4} mm",
-                        point.radius_mm,
-                        i + 1,
-                        point.depth_mm,
-                        point.y_mm
-                    );
-                    return Err(GearError::field("wear depth in mm", h_max_mm, expected));
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Rejects invalid parameters of a shape, whatever its depth.
-pub(super) fn check_shape(spec: &WearSpec) -> Result<(), GearError> {
-    match spec.shape {
-        WearShape::Parabolic => check_parabola(spec),
-        WearShape::Table => wear_table::from_points(&spec.table, 1.0).map(drop),
-        WearShape::Floor | WearShape::Archard => Ok(()),
-    }
-}
-
-fn check_parabola(spec: &WearSpec) -> Result<(), GearError> {
-    within("wear.floor", spec.floor, 0.0, 1.0)?;
-    within("wear.tip_ratio", spec.tip_ratio, 0.0, 1.0)?;
-    if !(spec.exponent > 1.0 && spec.exponent <= 20.0) {
-        let expected = "above 1, so that the slope is continuous, and at most 20";
-        return Err(GearError::field("wear.exponent", spec.exponent, expected));
-    }
-    Ok(())
-}
-
-fn parabola(spec: &WearSpec, gear: &Gear, h_max_mm: f64) -> Parabola {
-    Parabola {
-        h_max_mm,
-        floor: spec.floor,
-        tip_ratio: spec.tip_ratio,
-        exponent: spec.exponent,
-        pitch_mm: gear.pitch_radius_mm,
-        sap_mm: gear.sap_radius_mm,
-        tip_mm: gear.tip_radius_mm,
     }
 }
 
