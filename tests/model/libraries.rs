@@ -158,7 +158,7 @@ fn a_library_of_an_older_version_is_rebuilt() {
     let older =
         String::from_utf8(bytes.clone()).unwrap().replacen("flankwatch-library 2", "flankwatch-library 1", 1);
     fs::write(&path, older).unwrap();
-    assert!(matches!(cache.get(built.id()), Err(LibraryError::Version { found: 1 })));
+    assert!(matches!(cache.get(built.id()), Err(LibraryError::Version { found: 1, expected: 2 })));
     cache.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == bytes);
 }
