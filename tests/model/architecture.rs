@@ -139,12 +139,12 @@ fn module_paths_are_found_in_every_spelling() {
     assert_eq!(named_at_the_top("use super::store::Row;", 1), ["store"]);
 }
 
-fn root() -> &'static Path {
+pub(super) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// Returns every Rust file below a folder, except files of unit tests.
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
+pub(super) fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut folders = vec![folder.to_owned()];
     let mut files = Vec::new();
     while let Some(folder) = folders.pop() {
@@ -170,7 +170,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Returns a file's text without its unit tests.
-fn code(path: &Path) -> String {
+pub(super) fn code(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default().to_owned()
 }

@@ -7,6 +7,7 @@ mod documents;
 mod evaluation;
 mod figures;
 mod hostile_bytes;
+mod import_cycles;
 mod libraries;
 mod progress;
 
