@@ -39,7 +39,7 @@ fn files_import_each_other_in_one_direction() {
             };
             let is_allowed =
                 |places: &&[&str]| files.iter().all(|file| places.iter().any(|place| is_of(file, place)));
-            if !ALLOWED.iter().any(|places| is_allowed(places)) {
+            if !ALLOWED.iter().any(is_allowed) {
                 wrong.push(files.join(", "));
             }
         }

@@ -7,7 +7,8 @@ use super::wear_table::{self, DepthCurve};
 use super::{ArchardWear, FlankWear, GearError, GearPair, WearShape};
 
 impl FlankWear {
-    /// Creates wear in the shape of the pair's [`WearSpec`] with the largest depth `h_max_mm`.
+    /// Creates wear in the shape of the pair's [`WearSpec`](super::WearSpec) with the largest depth
+    /// `h_max_mm`.
     ///
     /// The pitch point of the parabolic shape is the operating one, where there is no sliding.
     ///
@@ -33,8 +34,9 @@ impl FlankWear {
         Ok(wear)
     }
 
-    /// Creates wear in the shape of the pair's [`WearSpec`] at each of several ascending largest depths in
-    /// mm. Faster than one by one for the shape `archard`, whose states follow from each other.
+    /// Creates wear in the shape of the pair's [`WearSpec`](super::WearSpec) at each of several ascending
+    /// largest depths in mm. Faster than one by one for the shape `archard`, whose states follow from each
+    /// other.
     ///
     /// # Errors
     /// As [`FlankWear::from_shape`].
