@@ -1,4 +1,4 @@
-//! A stored record seen again: its samples, spectra and lines, and spectra over the life of a channel.
+//! Samples, spectra and lines of stored records, and spectra over the life of a channel.
 
 pub(super) mod angle;
 pub(super) mod cepstra;
