@@ -6,6 +6,28 @@ import { fill } from "./setup.mjs";
 
 const TYPED = { "Teeth, driving": "24", "Teeth, driven": "26", "Driving shaft speed (rpm)": "998.4" };
 
+/** Opens the form while the answer with the presets is held back; `arrive` lets it through. */
+async function openBeforePresets() {
+  let arrive;
+  const arrived = new Promise((resolve) => (arrive = resolve));
+  const { page } = await open("#/new", {}, (page) =>
+    page.route("**/v1/pair-presets", async (route) => {
+      await arrived;
+      await route.continue().catch(() => {}); // that of a page before a reload
+    }),
+  );
+  return {
+    page,
+    arrive: async () => {
+      arrive();
+      await page
+        .locator("#setup-pair option", { hasText: "Start from:" })
+        .first()
+        .waitFor({ state: "attached" });
+    },
+  };
+}
+
 export const CHECKS = {
   "entries of a new asset survive a reload and the way back": async (name) => {
     const id = `draft-${Date.now()}`;
@@ -54,22 +76,25 @@ export const CHECKS = {
   },
 
   "entries made before the presets arrive stay, and are not taken for earlier ones": async () => {
-    let arrive;
-    const { page } = await open("#/new", {}, (page) =>
-      page.route("**/v1/pair-presets", async (route) => {
-        await new Promise((resolve) => (arrive = resolve));
-        await route.continue();
-      }),
-    );
+    const { page, arrive } = await openBeforePresets();
     await fill(page, TYPED);
-    arrive();
-    await page
-      .locator("#setup-pair option", { hasText: "Start from:" })
-      .first()
-      .waitFor({ state: "attached" });
+    await arrive();
     await fill(page, { "Module (mm)": "6" });
     assert.ok(await page.getByText("These are your entries from before").isHidden());
     assert.equal(await page.getByLabel("Teeth, driving", { exact: true }).inputValue(), "24");
+    await page.context().close();
+  },
+
+  "errors shown before the presets arrive stay": async () => {
+    const { page, arrive } = await openBeforePresets();
+    await fill(page, TYPED);
+    await page.reload();
+    await page.getByText("These are your entries from before").waitFor();
+    await page.getByRole("button", { name: "Create asset" }).click();
+    const error = page.locator('.result[data-kind="bad"]', { hasText: "Still required" });
+    await error.waitFor();
+    await arrive();
+    assert.ok(await error.isVisible());
     await page.context().close();
   },
 };

@@ -312,6 +312,7 @@ export class SetupPage {
 
   async #submit(event) {
     event.preventDefault();
+    this.#isTouched = true; // presets that arrive later leave the errors on the page
     const spec = this.#description();
     const lacking = this.#inputs.lacking(this.#pair.shape);
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
