@@ -6,8 +6,11 @@ use jiff::Timestamp;
 use sqlx::any::AnyRow;
 use sqlx::{Any, Row, Transaction};
 
-use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
-use super::{SegmentKey, Store, StoreError, raw, shared_sensors};
+use super::database::rows::{
+    asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns,
+};
+use super::records::raw;
+use super::{SegmentKey, Store, StoreError, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// Maximum number of assets in one query.

@@ -4,8 +4,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::rows::get;
-use super::{Database, Objects, Store, StoreError, StoreSettings, SystemDisk, integrity};
+use super::database::rows::get;
+use super::database::{Database, integrity};
+use super::{Objects, Store, StoreError, StoreSettings, SystemDisk};
 use crate::asset::SegmentId;
 
 /// Rows read in one query.

@@ -9,11 +9,12 @@ use std::path::Path;
 
 use sqlx::{AnyConnection, Connection};
 
+use super::database::integrity;
+use super::database::rows::get;
 use super::database::sqlite_url;
 use super::objects::file_error;
-use super::rows::get;
-use super::stream_copies::StreamCopies;
-use super::{Objects, StoreError, StoreMark, integrity, tokens};
+use super::streams::copies::StreamCopies;
+use super::{Objects, StoreError, StoreMark, tokens};
 
 const DATABASE: &str = "flankwatch.db";
 

@@ -9,9 +9,9 @@ use serde_json::Value;
 use sqlx::{Any, Transaction};
 
 use super::assets::{asset_of, channel_of};
+use super::database::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
+use super::database::schema::Dialect;
 use super::layouts::LayoutCache;
-use super::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
-use super::schema::Dialect;
 use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
 use crate::asset::AssetId;
 

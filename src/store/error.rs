@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::integrity::FoundDamage;
+use super::database::integrity::FoundDamage;
 use crate::asset::AssetId;
 
 /// Why a store operation failed.

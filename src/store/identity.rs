@@ -8,7 +8,7 @@
 use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
 
-use super::rows::get;
+use super::database::rows::get;
 use super::{Objects, Store, StoreError, StoreMark};
 
 impl Store {

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
 
 use super::commit::Commit;
-use super::rows::{get, get_json, to_json, to_ns};
+use super::database::rows::{get, get_json, to_json, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;

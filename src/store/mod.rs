@@ -6,55 +6,27 @@
 //! instead, and keeps streams in rows; statements and methods are the same. All methods use domain types;
 //! rows and statements do not leave this module.
 
-mod alarm_commit;
 mod alarms;
 mod assets;
 mod audit;
 mod backup;
-mod channel_rows;
 mod commit;
+mod coordination;
 mod database;
-mod dead_letters;
 mod error;
-mod exclusion;
-mod filled_layout;
-mod fold_states;
-mod generations;
+mod history;
 mod identity;
-mod integrity;
-mod journal_entry;
-mod keyed_uploads;
-mod latest_records;
 mod layouts;
-mod library_builds;
 mod maintenance;
-mod notification_rows;
 mod notifications;
 mod objects;
-mod queue_partitions;
-mod raw;
-mod recent_wear;
-mod record_results;
-mod removal;
+mod records;
 mod replays;
-mod resumable_uploads;
-mod rows;
-mod schema;
-mod segments;
 mod settings;
 mod shared_sensors;
-mod shelvings;
-mod silences;
-mod stream_copies;
-mod stream_journal;
-mod stream_levels;
-mod stream_rows;
-mod thinning;
+mod streams;
 mod tokens;
-mod trend;
-mod trend_blocks;
-mod upkeep;
-mod wear_rows;
+mod uploads;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -63,48 +35,50 @@ use std::sync::{Arc, Mutex, OnceLock};
 use jiff::{SignedDuration, Timestamp};
 
 use database::Database;
+use database::schema::Dialect;
+use history::recent_wear::CurveCache;
+use history::trend::TrendCache;
 use layouts::LayoutCache;
-use recent_wear::CurveCache;
-use schema::Dialect;
-use trend::TrendCache;
 
-pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
+pub use alarms::commit::{AlarmNotice, FoldedAlarms, PlacedChange};
+pub use alarms::silences::Silence;
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
 pub use audit::{Audit, Finding};
 pub use backup::{Copied, back_up, put_back};
-pub use channel_rows::ChannelRows;
 pub use commit::Commit;
+pub use coordination::queue_partitions::{PartitionOwners, WORKER_LEASE};
+pub use database::integrity::FoundDamage;
 pub use error::StoreError;
-pub use fold_states::{FoldState, RECORDS_PER_STATE, is_stored};
-pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
-pub use integrity::FoundDamage;
-pub use journal_entry::JournalEntry;
-pub use keyed_uploads::KeyedUpload;
-pub use latest_records::LatestRecord;
-use latest_records::LatestRecordCache;
+pub use history::channel_rows::ChannelRows;
+pub use history::fold_states::{FoldState, RECORDS_PER_STATE, is_stored};
+pub use history::generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
+pub use history::trend::{Trend, WearPoint};
 pub use maintenance::StoredEvent;
-pub use notification_rows::{Attempt, Notified, PendingNotification};
+pub use notifications::delivery::{Attempt, Notified, PendingNotification};
 pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
 pub use objects::{
     AssetNote, Disk, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark, SystemDisk,
 };
-pub use queue_partitions::{PartitionOwners, WORKER_LEASE};
-pub use raw::GivenUp;
-pub use record_results::RecordResults;
-pub use removal::{RecordRange, RemovedRecords};
-pub use resumable_uploads::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
-pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
+pub use records::latest::LatestRecord;
+use records::latest::LatestRecordCache;
+pub use records::raw::GivenUp;
+pub use records::removal::{RecordRange, RemovedRecords};
+pub use records::results::RecordResults;
+pub use records::segments::{
+    Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures,
+};
+pub use records::thinning::Thinning;
 pub use settings::StoreSettings;
 #[cfg(feature = "postgres")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
-pub use silences::Silence;
-pub use stream_journal::StreamJournal;
-pub use stream_levels::{StreamLevels, TimedLevel};
-pub use stream_rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
-pub use thinning::Thinning;
+pub use streams::entry::JournalEntry;
+pub use streams::journal::StreamJournal;
+pub use streams::levels::{StreamLevels, TimedLevel};
+pub use streams::rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
 pub use tokens::{StoredToken, TokenStore, TokensVersion};
-pub use trend::{Trend, WearPoint};
+pub use uploads::keyed::KeyedUpload;
+pub use uploads::resumable::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 
 /// A handle to the store; clones share it.
 #[derive(Debug, Clone)]
@@ -229,7 +203,7 @@ impl Store {
         sqlx::query(
             "INSERT INTO counters (name, value) VALUES ('write_probe_ns', $1) ON CONFLICT (name) DO UPDATE SET value = excluded.value",
         )
-        .bind(rows::to_ns(local)?)
+        .bind(database::rows::to_ns(local)?)
         .execute(self.write())
         .await?;
         Ok(())
@@ -263,7 +237,7 @@ impl Store {
     fn check_whole(&self) -> Result<(), StoreError> {
         let path = self.inner.database.path.as_deref().unwrap_or(Path::new("flankwatch.db"));
         match self.damage() {
-            Some(what) => Err(integrity::damaged(path, what.to_owned())),
+            Some(what) => Err(database::integrity::damaged(path, what.to_owned())),
             None => Ok(()),
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use sqlx::{Any, Transaction};
 
 use super::assets::asset_of;
-use super::rows::{asset_id, get, placeholders};
+use super::database::rows::{asset_id, get, placeholders};
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 

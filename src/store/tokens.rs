@@ -12,10 +12,11 @@ use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::{Any, AnyConnection, Connection};
 
+use super::database::rows::{get, get_time, to_ns};
 use super::database::sqlite_url;
+use super::database::{integrity, schema};
 use super::objects::file_error;
-use super::rows::{get, get_time, to_ns};
-use super::{Store, StoreError, integrity, schema};
+use super::{Store, StoreError};
 
 /// File name of the token database in a data folder.
 pub(super) const FILE: &str = "tokens.db";

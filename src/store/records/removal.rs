@@ -1,0 +1,202 @@
+//! Removal of an asset's records.
+
+use std::collections::{BTreeSet, HashSet};
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::raw::kept_among;
+use crate::asset::{AssetId, Segment, SegmentId};
+use crate::store::commit::Commit;
+use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
+use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
+
+/// Selects records of an asset.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RecordRange {
+    /// Only those of this channel.
+    pub channel: Option<String>,
+    /// Only those that start at this time or later.
+    pub from: Option<Timestamp>,
+    /// Only those that start before this time.
+    pub to: Option<Timestamp>,
+    /// Only those with these raw bytes.
+    pub raw_sha256: Option<String>,
+}
+
+impl RecordRange {
+    /// Selects one record.
+    pub fn of(segment: &Segment) -> Self {
+        let next = segment.start_time.saturating_add(SignedDuration::from_nanos(1));
+        Self {
+            channel: Some(segment.channel.clone()),
+            from: Some(segment.start_time),
+            to: next.ok(),
+            raw_sha256: Some(segment.raw.sha256.clone()),
+        }
+    }
+}
+
+/// The records removed by one call.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RemovedRecords {
+    /// Their segments.
+    pub segments: Vec<SegmentId>,
+    /// Names of the raw objects that are no longer referenced.
+    pub orphans: Vec<String>,
+}
+
+/// A record to be removed.
+struct RemovableRecord {
+    key: SegmentKey,
+    raw_sha256: String,
+}
+
+impl Store {
+    /// Removes up to `limit` records of each channel of an asset, the earliest first, with all their results.
+    /// Marks the histories that contained them for folding again.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
+    pub async fn remove_records(
+        &self,
+        asset: &AssetId,
+        range: &RecordRange,
+        limit: u32,
+    ) -> Result<RemovedRecords, StoreError> {
+        let mut commit = self.begin().await?;
+        commit.asset(asset).await?;
+        let mut channels = self.channels(asset).await?;
+        channels.retain(|channel| range.channel.as_ref().is_none_or(|name| *name == channel.channel));
+        channels.sort_by(|a, b| a.channel.cmp(&b.channel));
+        let mut removed = RemovedRecords::default();
+        let mut names = BTreeSet::new();
+        for channel in &channels {
+            let channel = commit.channel_again(channel).await?;
+            let records = commit.records_in(&channel, range, limit).await?;
+            let Some(first) = records.first().map(|record| record.key.clone()) else {
+                continue;
+            };
+            for record in &records {
+                sqlx::query("DELETE FROM segments WHERE id = $1")
+                    .bind(record.key.id.0.as_str())
+                    .execute(&mut *commit.transaction)
+                    .await?;
+            }
+            commit.without(channel, first).await?;
+            names.extend(records.iter().map(|record| record.raw_sha256.clone()));
+            removed.segments.extend(records.into_iter().map(|record| record.key.id));
+        }
+        removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
+        commit.finish().await?;
+        for channel in channels {
+            self.inner.trends.remove(channel.channel_no);
+        }
+        Ok(removed)
+    }
+}
+
+impl Commit {
+    async fn records_in(
+        &mut self,
+        channel: &ChannelSummary,
+        range: &RecordRange,
+        limit: u32,
+    ) -> Result<Vec<RemovableRecord>, StoreError> {
+        let rows = sqlx::query(
+            "SELECT id, start_time_ns, raw_sha256 FROM segments
+             WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
+             ORDER BY start_time_ns, id LIMIT $5",
+        )
+        .bind(channel.channel_no)
+        .bind(range.from.map_or(Ok(i64::MIN), to_ns)?)
+        .bind(range.to.map_or(Ok(i64::MAX), to_ns)?)
+        .bind(range.raw_sha256.as_deref().unwrap_or_default())
+        .bind(i64::from(limit))
+        .fetch_all(&mut *self.transaction)
+        .await?;
+        let records = rows.iter().map(|row| {
+            Ok(RemovableRecord {
+                key: SegmentKey {
+                    start_time: from_ns(get(row, "start_time_ns")?),
+                    id: SegmentId(get(row, "id")?),
+                },
+                raw_sha256: get(row, "raw_sha256")?,
+            })
+        });
+        records.collect()
+    }
+
+    /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel
+    /// without records is deleted with its alarms.
+    async fn without(&mut self, mut channel: ChannelSummary, first: SegmentKey) -> Result<(), StoreError> {
+        let count = sqlx::query("SELECT COUNT(*) AS segments FROM segments WHERE channel_no = $1")
+            .bind(channel.channel_no)
+            .fetch_one(&mut *self.transaction)
+            .await?;
+        channel.segments = u64::try_from(get::<i64>(&count, "segments")?).unwrap_or(0);
+        if channel.segments == 0 {
+            sqlx::query("DELETE FROM channels WHERE channel_no = $1")
+                .bind(channel.channel_no)
+                .execute(&mut *self.transaction)
+                .await?;
+            return Ok(());
+        }
+        for direction in ["ASC", "DESC"] {
+            let text = format!(
+                "SELECT id, start_time_ns FROM segments WHERE channel_no = $1 ORDER BY start_time_ns {direction}, id {direction} LIMIT 1"
+            );
+            let row = sqlx::query(&text).bind(channel.channel_no).fetch_one(&mut *self.transaction).await?;
+            let start_time = Some(from_ns(get(&row, "start_time_ns")?));
+            if direction == "ASC" {
+                channel.first_start_time = start_time;
+            } else {
+                channel.last_start_time = start_time;
+                channel.last_segment = Some(SegmentId(get(&row, "id")?));
+            }
+        }
+        channel.must_fold = true;
+        channel.note_change(first);
+        self.set_channel(&mut channel, true).await
+    }
+
+    /// Subtracts raw objects for which an asset has no record any more from its volume; returns those that no
+    /// asset references any more.
+    async fn count_raw_gone(
+        &mut self,
+        asset: &AssetId,
+        names: Vec<String>,
+    ) -> Result<Vec<String>, StoreError> {
+        let mut gone = Vec::new();
+        for chunk in names.chunks(500) {
+            let text = format!(
+                "SELECT DISTINCT s.raw_sha256 FROM segments s JOIN channels c ON c.channel_no = s.channel_no
+                 WHERE c.asset_id = $1 AND s.raw_sha256 IN ({})",
+                placeholders(2, chunk.len())
+            );
+            let mut query = sqlx::query(&text).bind(asset.as_str());
+            for name in chunk {
+                query = query.bind(name.as_str());
+            }
+            let rows = query.fetch_all(&mut *self.transaction).await?;
+            let used = rows.iter().map(|row| get(row, "raw_sha256"));
+            let used: HashSet<String> = used.collect::<Result<_, StoreError>>()?;
+            gone.extend(chunk.iter().filter(|name| !used.contains(*name)).cloned());
+        }
+        for name in &gone {
+            let row =
+                sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2 RETURNING bytes")
+                    .bind(name.as_str())
+                    .bind(asset.as_str())
+                    .fetch_optional(&mut *self.transaction)
+                    .await?;
+            let Some(row) = row else { continue };
+            sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
+                .bind(asset.as_str())
+                .bind(get::<i64>(&row, "bytes")?)
+                .execute(&mut *self.transaction)
+                .await?;
+        }
+        let kept = kept_among(&mut self.transaction, &gone).await?;
+        gone.retain(|name| !kept.contains(name));
+        Ok(gone)
+    }
+}

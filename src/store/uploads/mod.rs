@@ -1,0 +1,4 @@
+//! Uploads that are repeated or continued.
+
+pub(super) mod keyed;
+pub(super) mod resumable;
