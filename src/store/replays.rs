@@ -1,6 +1,6 @@
 //! Storage of replays as numbered texts, whose format is up to the caller.
 
-use super::database::rows::get;
+use super::database::rows::{get, get_count};
 use super::{Store, StoreError};
 
 impl Store {
@@ -27,8 +27,6 @@ impl Store {
     pub async fn saved_replays(&self) -> Result<Vec<(u64, String)>, StoreError> {
         let rows =
             sqlx::query("SELECT number, replay FROM replays ORDER BY number").fetch_all(self.read()).await?;
-        rows.iter()
-            .map(|row| Ok((super::database::rows::get_count(row, "number")?, get(row, "replay")?)))
-            .collect()
+        rows.iter().map(|row| Ok((get_count(row, "number")?, get(row, "replay")?))).collect()
     }
 }

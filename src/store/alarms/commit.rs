@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use super::{StoredAlarm, alarm_of, change_of};
 use crate::estimate::{ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
 use crate::store::commit::Commit;
-use crate::store::database::rows::{get, to_json, to_ns};
+use crate::store::database::rows::{get, get_count, to_json, to_ns};
 use crate::store::{ChannelSummary, SegmentKey, StoreError};
 
 /// A change of an alarm and its place in the fold.
@@ -193,7 +193,7 @@ impl Commit {
         .await?;
         let mut changes: HashMap<String, Vec<_>> = HashMap::new();
         for row in &rows {
-            let place = crate::store::database::rows::get_count(row, "place")?;
+            let place = get_count(row, "place")?;
             changes.entry(get(row, "alarm_id")?).or_default().push((place, change_of(row)?.change));
         }
         Ok(changes)

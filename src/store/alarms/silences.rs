@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use crate::asset::AssetId;
-use crate::store::assets::channel_of;
+use crate::store::assets::{asset_of, channel_of};
 use crate::store::database::rows::{from_ns, get};
 use crate::store::{Asset, ChannelSummary, Store, StoreError};
 
@@ -26,7 +26,7 @@ impl Store {
         let rows = sqlx::query("SELECT * FROM assets WHERE spec LIKE '%\"stale_s\"%' ORDER BY id")
             .fetch_all(self.read())
             .await?;
-        rows.iter().map(crate::store::assets::asset_of).collect()
+        rows.iter().map(asset_of).collect()
     }
 
     /// The silence of each channel of these assets.

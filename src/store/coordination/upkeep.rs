@@ -4,7 +4,7 @@
 use jiff::{SignedDuration, Timestamp};
 
 use crate::asset::AssetId;
-use crate::store::database::rows::{asset_id, get, to_ns};
+use crate::store::database::rows::{asset_id, get, get_time, to_ns};
 use crate::store::{Store, StoreError};
 
 /// Time between two searches for unreferenced objects by any process.
@@ -39,7 +39,7 @@ impl Store {
             return Ok(local);
         };
         let row = sqlx::query(text).fetch_one(self.read()).await?;
-        crate::store::database::rows::get_time(&row, "now_ns")
+        get_time(&row, "now_ns")
     }
 
     /// Claims the search for unreferenced objects; returns false if a process made one within the last day.

@@ -15,7 +15,7 @@ use super::fold_states::FoldState;
 use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
 use crate::store::commit::Commit;
-use crate::store::database::rows::{get, to_ns};
+use crate::store::database::rows::{get, get_time, to_ns};
 use crate::store::records::segments::new_segment_of;
 use crate::store::{
     AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult,
@@ -340,7 +340,7 @@ impl Store {
             Some(row) if rows.len() as u64 >= u64::from(limit) => {
                 commit.set_channel(&mut channel, false).await?;
                 Some(SegmentKey {
-                    start_time: crate::store::database::rows::get_time(row, "start_time_ns")?,
+                    start_time: get_time(row, "start_time_ns")?,
                     id: SegmentId(get(row, "id")?),
                 })
             }

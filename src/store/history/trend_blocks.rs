@@ -10,7 +10,7 @@ use super::trend::{self, Trend, WearPoint, rows_after};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::store::assets::channel_of;
-use crate::store::database::rows::{from_json, from_ns, get, to_json, to_ns};
+use crate::store::database::rows::{from_json, from_ns, get, get_count, to_json, to_ns};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
 /// Number of records in a block.
@@ -262,7 +262,7 @@ impl Store {
         .bind(FORMAT)
         .fetch_one(self.read())
         .await?;
-        crate::store::database::rows::get_count(&row, "blocks")
+        get_count(&row, "blocks")
     }
 
     /// Stores the next block of a history; returns false if there are not enough records.

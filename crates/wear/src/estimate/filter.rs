@@ -20,7 +20,8 @@ use crate::library::{DEPTHS, REPORTED, end_um};
 const CARRIED: f32 = 0.026;
 
 /// The same after an inspection. The error that an inspection leaves a member is smaller, so that each record
-/// counts more, but it still recurs in every record. Chosen on members left out of the ensembles of four pairs.
+/// counts more, but it still recurs in every record. Chosen on members left out of the ensembles of four
+/// pairs.
 const CARRIED_AFTER_INSPECTION: f32 = 0.005;
 
 /// Exponent of the newest record's likelihood in the answer.

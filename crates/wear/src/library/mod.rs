@@ -107,9 +107,9 @@ impl Library {
         self.states.last().map_or(0.0, |state| state.wear_um)
     }
 
-    /// Returns the change of one of the [checks](flankwatch_signal::Features::checks) from the unworn state at
-    /// a depth in µm, interpolated linearly between the states and constant beyond the ends; `None` where a
-    /// state lacks the check.
+    /// Returns the change of one of the [checks](flankwatch_signal::Features::checks) from the unworn state
+    /// at a depth in µm, interpolated linearly between the states and constant beyond the ends; `None` where
+    /// a state lacks the check.
     pub fn check_change(&self, name: &str, wear_um: f64) -> Option<f64> {
         let value = |index: usize| self.states.get(index)?.features.checks.get(name).copied();
         let upper = self.states.partition_point(|state| state.wear_um <= wear_um);
