@@ -67,7 +67,7 @@ fn an_impossible_pair_is_rejected_with_all_its_faults() {
     let service = Service::start();
     let mut pair = pair();
     pair.geometry.teeth = [11, 40];
-    pair.geometry.bore_radius_mm = [4.5, 5.0];
+    pair.geometry.bore_radius_mm = Some([4.5, 5.0]);
     let mut gear = mesh(&pair);
     gear["shaft_speed_hz"] = json!(0.0);
     let answer = service.post_json("/v1/preview", &json!({ "gear": gear })).expect(200).json();

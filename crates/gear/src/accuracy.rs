@@ -81,7 +81,7 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
 fn module_1_spec() -> PairSpec {
     let mut spec = shen2022_spec();
     (spec.geometry.module_mm, spec.geometry.face_width_mm) = (1.0, 8.0);
-    (spec.geometry.teeth, spec.geometry.bore_radius_mm) = ([20, 40], [3.0, 5.0]);
+    (spec.geometry.teeth, spec.geometry.bore_radius_mm) = ([20, 40], Some([3.0, 5.0]));
     spec.geometry.centre_distance_mm = None;
     (spec.operation.torque_nm, spec.operation.output_torque_nm) = (5.0, None);
     spec.operation.shaft_speed_hz = 24.37;

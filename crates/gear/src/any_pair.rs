@@ -25,7 +25,7 @@ prop_compose! {
         (basic.addendum, basic.profile_shift) = (addendum, profile_shift);
         basic.dedendum = [addendum[1] + clearance[0], addendum[0] + clearance[1]];
         basic.face_width_mm = 8.0 * module_mm;
-        basic.bore_radius_mm = [bore[0] * reference[0], bore[1] * reference[1]];
+        basic.bore_radius_mm = Some([bore[0] * reference[0], bore[1] * reference[1]]);
         basic.centre_distance_mm = apart.map(|modules| reference[0] + reference[1] + modules * module_mm);
         // From a thousandth to a thousand times the load of the typical pair on its teeth's cross-section.
         spec.operation.torque_nm = 1300.0 * (module_mm / 6.0).powi(3) * f64::from(teeth[0]) / 24.0 * 10.0_f64.powf(torque);

@@ -201,7 +201,7 @@ mod tests {
     fn all_errors_are_reported_at_once() {
         let mut spec = shen2022_spec();
         spec.geometry.module_mm = -1.0;
-        spec.geometry.bore_radius_mm[1] = 0.0;
+        spec.geometry.bore_radius_mm = Some([20.0, 0.0]);
         spec.material.poisson_ratio = 0.7;
         assert_eq!(
             fields(&spec),
@@ -215,7 +215,7 @@ mod tests {
         let mut spec = shen2022_spec();
         spec.geometry.teeth = [12, 26];
         spec.geometry.centre_distance_mm = Some(100.0);
-        spec.geometry.bore_radius_mm = [29.0, 20.0];
+        spec.geometry.bore_radius_mm = Some([29.0, 20.0]);
         let assessment = spec.assess();
         assert!(assessment.pair.is_none(), "base circles that overlap have no line of action");
         spec.geometry.centre_distance_mm = None;

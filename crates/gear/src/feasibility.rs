@@ -132,7 +132,7 @@ mod tests {
     fn vibration_that_grows_without_bound_is_rejected() {
         let mut spec = shen2022_spec();
         (spec.geometry.teeth, spec.geometry.module_mm, spec.geometry.face_width_mm) = ([36, 66], 1.33, 6.6);
-        (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = ([5.0, 9.0], None);
+        (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = (Some([5.0, 9.0]), None);
         (spec.material.youngs_modulus_pa, spec.material.density_kg_per_m3) = (2.8e9, 1410.0);
         (spec.operation.torque_nm, spec.operation.output_torque_nm) = (0.025, None);
         (spec.supports.stiffness_n_per_m, spec.supports.damping_n_s_per_m) = (Some(2.8e8), Some(155.0));

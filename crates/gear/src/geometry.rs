@@ -99,11 +99,10 @@ impl GearPair {
 
         let tip =
             [0, 1].map(|i| reference[i] + (basic.addendum[i] + basic.profile_shift[i]) * basic.module_mm);
-        let root =
-            [0, 1].map(|i| reference[i] - (basic.dedendum[i] - basic.profile_shift[i]) * basic.module_mm);
+        let (root, bore) = (basic.root_radius_mm(), basic.bore_radius_mm());
         let mut gears = Vec::with_capacity(2);
         for i in 0..2 {
-            limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0, refusals);
+            limits::check_tooth(basic, i, [base[i], tip[i], root[i], bore[i]], alpha0, refusals);
             if tip[i] + root[1 - i] > centre_distance_mm + 1e-9 {
                 let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm
                     - basic.profile_shift[i];
@@ -124,7 +123,7 @@ impl GearPair {
                 base_radius_mm: base[i],
                 tip_radius_mm: tip[i],
                 root_radius_mm: root[i],
-                bore_radius_mm: basic.bore_radius_mm[i],
+                bore_radius_mm: bore[i],
                 base_half_angle_rad,
                 root_angle_rad: sap_length_mm / base[i] - base_half_angle_rad,
                 tip_angle_rad: flank_length(tip[i], base[i]) / base[i] - base_half_angle_rad,
@@ -281,7 +280,7 @@ mod tests {
         spec.geometry.teeth = [20, 40];
         spec.geometry.module_mm = 3.0;
         spec.geometry.profile_shift = [0.3, 0.2];
-        spec.geometry.bore_radius_mm = [10.0, 10.0];
+        spec.geometry.bore_radius_mm = Some([10.0, 10.0]);
         spec.geometry.centre_distance_mm = None;
         let pair = spec.resolve().unwrap();
         let angle = pair.pressure_angle_rad;

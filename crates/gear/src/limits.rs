@@ -32,7 +32,9 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     for i in 0..2 {
         refusals.note(positive("geometry.addendum", basic.addendum[i], 3.0));
         refusals.note(positive("geometry.dedendum", basic.dedendum[i], 4.0));
-        refusals.note(positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6));
+        if let Some(bore) = basic.bore_radius_mm {
+            refusals.note(positive("geometry.bore_radius_mm", bore[i], 1e6));
+        }
         refusals.note(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
     }
     if let Some(centre) = basic.centre_distance_mm {
@@ -174,7 +176,7 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
 pub(super) fn check_tooth(
     basic: &GeometrySpec,
     i: usize,
-    [base, tip, root]: [f64; 3],
+    [base, tip, root, bore]: [f64; 4],
     alpha0: f64,
     refusals: &mut Refusals,
 ) {
@@ -187,8 +189,10 @@ pub(super) fn check_tooth(
         return;
     }
     refusals.note(check_rack(basic, i, alpha0));
-    let bore = basic.bore_radius_mm[i];
-    if root <= 0.0 || bore * MIN_ROOT_TO_BORE > root {
+    if root <= 0.0 {
+        let expected = format!("a smaller value: the root radius {root:.4} of gear {number} is not above 0");
+        refusals.add(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
+    } else if bore * MIN_ROOT_TO_BORE > root {
         let expected = format!(
             "at most {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
             root / MIN_ROOT_TO_BORE
@@ -282,8 +286,8 @@ mod tests {
             ("wear.exponent", |s| s.wear.exponent = 1.0),
             ("wear.table", |s| s.wear.shape = WearShape::Table),
             ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
-            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
-            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm = Some([64.5, 20.0])),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm = Some([20.0, 0.0])),
             ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(140.0)),
             ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(149.0)),
             ("geometry.addendum", |s| s.geometry.centre_distance_mm = Some(158.0)),

@@ -211,7 +211,7 @@ mod tests {
         for (csv, torque, bore, plane, limit) in cases {
             let mut spec = shen2022_spec();
             spec.operation.torque_nm = torque;
-            spec.geometry.bore_radius_mm = [bore, bore];
+            spec.geometry.bore_radius_mm = Some([bore, bore]);
             spec.dynamics.plane = plane;
             let (error, place) = greatest_error(csv, &spec);
             println!("{torque} N·m, bore {bore} mm, {plane:?}: {:.2} % at {place:.4} rad", 100.0 * error);
@@ -354,7 +354,7 @@ mod tests {
             spec.geometry.teeth = teeth;
             spec.geometry.profile_shift = shift;
             spec.geometry.pressure_angle_deg = angle;
-            spec.geometry.bore_radius_mm = bore;
+            spec.geometry.bore_radius_mm = Some(bore);
             spec.geometry.addendum = [addendum; 2];
             spec.geometry.dedendum = [addendum + 0.25; 2];
             spec.geometry.centre_distance_mm = None;

@@ -55,8 +55,9 @@ pub struct GeometrySpec {
     /// Dedendum of each gear in modules.
     #[serde(default = "defaults::dedendum")]
     pub dedendum: [f64; 2],
-    /// Bore radius of each gear in mm.
-    pub bore_radius_mm: [f64; 2],
+    /// Bore radius of each gear in mm; by default a third of the root radius.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bore_radius_mm: Option<[f64; 2]>,
     /// Profile shift of each gear in modules.
     #[serde(default)]
     pub profile_shift: [f64; 2],

@@ -334,7 +334,7 @@ mod tests {
         spec.geometry.teeth = [19, 47];
         spec.geometry.module_mm = 2.5;
         spec.geometry.profile_shift = [0.35, 0.1];
-        spec.geometry.bore_radius_mm = [8.0, 15.0];
+        spec.geometry.bore_radius_mm = Some([8.0, 15.0]);
         spec.geometry.centre_distance_mm = Some(83.7);
         let pair = spec.resolve().unwrap();
         let solved = MeshRelationship::solve(&pair, &FlankWear::none()).unwrap();

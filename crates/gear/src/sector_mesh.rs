@@ -265,7 +265,7 @@ mod tests {
         {
             spec.geometry.teeth = teeth;
             spec.geometry.profile_shift = [shift, -0.2 * shift];
-            spec.geometry.bore_radius_mm = [bore, bore];
+            spec.geometry.bore_radius_mm = Some([bore, bore]);
             let pair = spec.resolve().unwrap();
             for i in 0..2 {
                 let outline = ToothOutline::new(&pair, i);

@@ -1,11 +1,11 @@
-//! Default supports, errors and wear of a pair: those of the paper's pair, scaled to the size of the
-//! described one.
+//! Default bores, supports, errors and wear of a pair: about those of the paper's pair, scaled to the size of
+//! the described one.
 //!
 //! The stiffness of teeth of one shape and material is proportional to their width, whatever their module,
 //! and a disc's mass to its volume. With supports in proportion to the teeth, and errors and wear in
 //! proportion to the module, a pair vibrates like the paper's, only faster or slower.
 
-use super::PairSpec;
+use super::{GeometrySpec, PairSpec};
 
 /// The paper's pair: module, face width and smaller reference radius in mm, Young's modulus in Pa, density in
 /// kg/m³.
@@ -22,6 +22,9 @@ const LONG_PERIOD_UM: f64 = 30.0;
 const SHORT_PERIOD_UM: f64 = 15.0;
 const RANDOM_UM: f64 = 0.2;
 const DEEPEST_UM: f64 = 245.0;
+
+/// Ratio of root to bore radius of a gear whose bore is not given; the paper's pair has 3.2 and 3.5.
+const USUAL_ROOT_TO_BORE: f64 = 3.0;
 
 /// Supports (bearings) of each gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +50,20 @@ pub struct Errors {
     pub random_clock_hz: f64,
     /// Seed of the random error.
     pub seed: u64,
+}
+
+impl GeometrySpec {
+    /// Returns the root radius of each gear in mm.
+    pub fn root_radius_mm(&self) -> [f64; 2] {
+        [0, 1].map(|i| {
+            self.module_mm * (f64::from(self.teeth[i]) / 2.0 - self.dedendum[i] + self.profile_shift[i])
+        })
+    }
+
+    /// Returns the described bore radius of each gear in mm; by default a third of the root radius.
+    pub fn bore_radius_mm(&self) -> [f64; 2] {
+        self.bore_radius_mm.unwrap_or(self.root_radius_mm().map(|root| root / USUAL_ROOT_TO_BORE))
+    }
 }
 
 impl PairSpec {
@@ -113,7 +130,19 @@ impl PairSpec {
 #[cfg(test)]
 mod tests {
     use super::super::testing::shen2022_spec;
-    use crate::{ErrorSpec, SupportSpec};
+    use crate::{ErrorSpec, PairSpec, SupportSpec};
+
+    #[test]
+    fn the_bore_is_a_third_of_the_root_radius_where_it_is_not_given() {
+        let file = "geometry = { teeth = [20, 40], module_mm = 2.0, face_width_mm = 8.0 }\n\
+                    operation = { torque_nm = 5.0, shaft_speed_hz = 25.0 }";
+        let spec: PairSpec = toml::from_str(file).unwrap();
+        let gears = spec.resolve().unwrap().gears;
+        for (gear, expected) in gears.iter().zip([17.5 / 3.0, 37.5 / 3.0]) {
+            assert!((gear.bore_radius_mm - expected).abs() < 1e-12, "{}", gear.bore_radius_mm);
+        }
+        assert!(!toml::to_string(&spec).unwrap().contains("bore"));
+    }
 
     #[test]
     fn defaults_of_the_papers_pair_are_its_own_values() {

@@ -249,7 +249,7 @@ mod tests {
         let mut spec = shen2022_spec();
         spec.geometry.teeth = [60, 70];
         spec.geometry.centre_distance_mm = None;
-        spec.geometry.bore_radius_mm = [60.0, 60.0];
+        spec.geometry.bore_radius_mm = Some([60.0, 60.0]);
         let pair = spec.resolve().unwrap();
         assert!(pair.gears[0].base_radius_mm < pair.gears[0].root_radius_mm);
         let wear = FlankWear::from_shape(&pair, 0.1).unwrap();

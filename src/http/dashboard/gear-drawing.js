@@ -25,13 +25,14 @@ function resolve(
   if (!(z >= 3 && reference > 0 && alpha > 0 && alpha < 1)) return null;
   const base = reference * Math.cos(alpha);
   const x = Number(shift[index]);
+  const root = reference - (Number(dedendum[index]) - x) * module;
   return {
     teeth: z,
     base,
     reference,
     tip: reference + (Number(addendum[index]) + x) * module,
-    root: reference - (Number(dedendum[index]) - x) * module,
-    bore: Number(bore?.[index] ?? 0),
+    root,
+    bore: Number(bore?.[index] ?? root / 3),
     half: Math.PI / 2 / z + involute(alpha) + (2 * x * Math.tan(alpha)) / z,
   };
 }

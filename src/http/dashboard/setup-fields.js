@@ -8,8 +8,8 @@ const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
 /**
  * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault?, derived? }`.
- * `factor` converts the entered unit to the description's; `pairDefault` is sent when only the other gear has
- * a value, `derived(spec)` when the field is empty; `derivedFrom` says what that follows from. Fields in `more` and `rare` are folded away.
+ * `factor` converts the entered unit to the description's; `pairDefault` or `derived(spec)` is sent when only the other gear has
+ * a value; `derivedFrom` says what that follows from. Fields in `more` and `rare` are folded away.
  * @type {any[]}
  */
 export const SETUP_GROUPS = [

@@ -16,7 +16,7 @@ class FieldInput {
   #error;
   #label;
   #about;
-  /** The value sent when the field is empty; undefined without one. */
+  /** The value of an empty field, sent when the other gear has one; undefined without one. */
   derived;
 
   constructor(field) {
@@ -87,7 +87,7 @@ class FieldInput {
             : value;
   }
 
-  /** Sets and shows the value that is sent when the field is empty. */
+  /** Sets and shows the value of the empty field. */
   derive(value) {
     this.derived = value;
     const { hint, derivedFrom } = this.field;
@@ -184,14 +184,15 @@ export class SetupInputs {
     return spec;
   }
 
-  /** Empty fields with a value that follows from others. */
+  /** Shows what empty fields default to; when only one of two gears has a value, the other one's is added. */
   #derive(spec, shape) {
     for (const made of this.#inputs.values()) {
       const { path, derived } = made.field;
       if (!derived || !belongs(made.field, shape)) continue;
       const value = derived(spec);
       made.derive(value);
-      if (value !== undefined && valueAt(spec, path) === undefined) putAt(spec, path, value);
+      if (value !== undefined && valueAt(spec, path) === undefined && valueAt(spec, path.slice(0, -2)))
+        putAt(spec, path, value);
     }
   }
 

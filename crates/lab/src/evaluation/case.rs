@@ -84,7 +84,8 @@ impl Case {
             other("mesh damping × ½", &|pair| pair.dynamics.mesh_damping_ratio *= 0.5),
             other("mesh damping × 2", &|pair| pair.dynamics.mesh_damping_ratio *= 2.0),
             other("bore 30 mm for 20", &|pair| {
-                pair.geometry.bore_radius_mm = pair.geometry.bore_radius_mm.map(|radius| 1.5 * radius);
+                let wider = pair.geometry.bore_radius_mm().map(|radius| 1.5 * radius);
+                pair.geometry.bore_radius_mm = Some(wider);
             }),
             other("other contact rule", &|pair| {
                 pair.dynamics.contact = match pair.dynamics.contact {

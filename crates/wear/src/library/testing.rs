@@ -56,7 +56,7 @@ fn synthetic_pair() -> PairSpec {
             pressure_angle_deg: 20.0,
             addendum: [1.0; 2],
             dedendum: [1.25; 2],
-            bore_radius_mm: [20.0; 2],
+            bore_radius_mm: Some([20.0; 2]),
             profile_shift: [0.0; 2],
             centre_distance_mm: Some(150.0),
         },

@@ -56,7 +56,7 @@ pub(crate) fn pair(number: u64) -> PairSpec {
     let more = if dice.chance(0.5) { 0.0 } else { dice.between(0.0, 0.3) };
     let profile_shift = [shift(teeth[0], more), shift(teeth[1], 0.0)];
     let root = [0, 1].map(|i| module_mm * (f64::from(teeth[i]) / 2.0 - 1.25 + profile_shift[i]));
-    let bore_radius_mm = root.map(|root| root * dice.between(0.1, 0.68));
+    let bore_radius_mm = Some(root.map(|root| root * dice.between(0.1, 0.68)));
 
     let reference_m = module_mm * f64::from(teeth[0]) * 0.5e-3;
     let load = dice.log_between(0.01, 1.0);

@@ -4,7 +4,7 @@
 //! | --- | --- | --- |
 //! | mesh damping ζ | log-uniform 0.03 to 0.5 | log-normal, 25 % |
 //! | contact rule | loaded 0.7, threshold 0.3; loaded where rigid flanks would lose contact or vibrate without bound | the described one in at least half of the members |
-//! | bore radius | × 0.75 to 1.9, both gears within 10 % | – |
+//! | bore radius | × 0.5 to 1.7 (log-uniform), both gears within 10 % | × 0.75 to 1.9, as webs and hubs are softer or stiffer than a ring with that bore |
 //! | support stiffness | × 0.5 to 2 | log-normal, 20 % |
 //! | once-per-tooth error | 0 to twice the usual amplitude, any phase | log-normal, 30 %, any phase |
 //! | torque | ± 10 % | ± 10 % |
@@ -95,12 +95,7 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
     let torque = dice.between(0.9, 1.1);
     spec.operation.torque_nm *= torque;
     spec.operation.output_torque_nm = spec.operation.output_torque_nm.map(|output| output * torque);
-    let roots = described.resolve()?.gears.map(|gear| gear.root_radius_mm);
-    let (bore, other) = (dice.between(0.75, 1.9), dice.between(0.9, 1.1));
-    for (i, factor) in [bore, bore * other].into_iter().enumerate() {
-        let radius = &mut spec.geometry.bore_radius_mm[i];
-        *radius = (*radius * factor).min(roots[i] / MIN_ROOT_TO_BORE);
-    }
+    spec.geometry.bore_radius_mm = Some(bores(&mut dice, described)?);
     spec.wear = wear.spec(&spec.resolve()?);
     let coordinate = dice.coordinate;
     let variant = |variant| {
@@ -111,6 +106,18 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
         spec
     };
     Ok(Drawn { specs: (0..variants).map(variant).collect(), independent_teeth })
+}
+
+/// Draws the bore radius of each gear in mm. One that is not given is drawn from root radii 1.8 to 6 times as
+/// large, nearly the range that the fillet foundation's polynomials were fitted for.
+fn bores(dice: &mut Draw, described: &PairSpec) -> Result<[f64; 2], GearError> {
+    let gears = described.resolve()?.gears;
+    let bore = match described.geometry.bore_radius_mm {
+        Some(_) => dice.between(0.75, 1.9),
+        None => dice.log_between(0.5, 1.7),
+    };
+    let factors = [bore, bore * dice.between(0.9, 1.1)];
+    Ok([0, 1].map(|i| (gears[i].bore_radius_mm * factors[i]).min(gears[i].root_radius_mm / MIN_ROOT_TO_BORE)))
 }
 
 fn dynamics(dice: &mut Draw, described: &PairSpec, spec: &mut PairSpec) {
@@ -256,6 +263,21 @@ mod tests {
             assert_eq!(spec.wear.shape, WearShape::Parabolic);
             assert!((1.4..2.8).contains(&spec.wear.exponent));
         }
+    }
+
+    #[test]
+    fn a_bore_that_is_not_given_is_drawn_more_widely() {
+        let mut described = synthetic_library().pair().clone();
+        let spread = |described: &PairSpec| {
+            let bores = draws(described).into_iter().filter_map(|spec| spec.geometry.bore_radius_mm);
+            let (low, high) =
+                bores.fold((f64::MAX, 0.0_f64), |(low, high), [bore, _]| (low.min(bore), high.max(bore)));
+            high / low
+        };
+        let given = spread(&described);
+        described.geometry.bore_radius_mm = None;
+        let not_given = spread(&described);
+        assert!(given < 1.9 / 0.75 && not_given > 3.0, "{given} {not_given}");
     }
 
     #[test]
