@@ -43,22 +43,22 @@ impl Cases {
 #[derive(Debug, Args)]
 pub(super) struct EvaluateArgs {
     /// Number of runs per case
-    #[arg(long, default_value_t = EvaluationSettings::default().runs)]
+    #[arg(long, default_value_t = EvaluationSettings::default().runs, conflicts_with = "tracked")]
     runs: usize,
     /// Random seed of transmission paths, noise and operating points
-    #[arg(long, default_value_t = EvaluationSettings::default().seed)]
+    #[arg(long, default_value_t = EvaluationSettings::default().seed, conflicts_with = "tracked")]
     seed: u64,
     /// Number of records per run
-    #[arg(long, default_value_t = EvaluationSettings::default().records)]
+    #[arg(long, default_value_t = EvaluationSettings::default().records, conflicts_with = "tracked")]
     records: usize,
     /// Number of simulated wear states that the runs of a case are drawn from
-    #[arg(long, default_value_t = EvaluationSettings::default().states)]
+    #[arg(long, default_value_t = EvaluationSettings::default().states, conflicts_with = "tracked")]
     states: usize,
     /// Group of cases to run
-    #[arg(long, value_enum, default_value_t = Cases::All)]
+    #[arg(long, value_enum, default_value_t = Cases::All, conflicts_with = "tracked")]
     cases: Cases,
     /// Run only cases whose name contains this text
-    #[arg(long, value_name = "TEXT")]
+    #[arg(long, value_name = "TEXT", conflicts_with = "tracked")]
     case: Option<String>,
     /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
     #[arg(long, default_value_t = EnsembleSettings::default().members)]
@@ -99,7 +99,7 @@ pub(super) struct EvaluateArgs {
     #[arg(long, requires = "recorded")]
     json: bool,
     /// Write tables and plots to this self-contained HTML file
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "tracked")]
     out: Option<PathBuf>,
     /// Data folder; libraries are cached in its folder `libraries`
     #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]

@@ -133,20 +133,31 @@ enum Command {
 }
 
 /// Returns the log levels by module from `FLANKWATCH_LOG` (`info,flankwatch::store=debug`), or the defaults.
-fn log_filter() -> Targets {
-    let from_env = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
-    let default =
-        || Targets::new().with_default(LevelFilter::WARN).with_target("flankwatch", LevelFilter::INFO);
-    from_env.and_then(|text| text.parse().ok()).unwrap_or_else(default)
+fn log_filter() -> Result<Targets, CliError> {
+    let Some(text) = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty()) else {
+        return Ok(Targets::new()
+            .with_default(LevelFilter::WARN)
+            .with_target("flankwatch", LevelFilter::INFO));
+    };
+    text.parse().map_err(|error| {
+        CliError::Argument(format!(
+            "FLANKWATCH_LOG is {text:?}, expected levels such as info,flankwatch::store=debug: {error}"
+        ))
+    })
+}
+
+/// Sends the log to standard error.
+fn start_log() -> Result<(), CliError> {
+    let layer =
+        tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    tracing_subscriber::registry().with(layer).with(log_filter()?).init();
+    Ok(())
 }
 
 /// Parses this process's command line and runs the command.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let layer =
-        tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
-    tracing_subscriber::registry().with(layer).with(log_filter()).init();
-    let outcome = match &cli.command {
+    let outcome = start_log().and_then(|()| match &cli.command {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),
         Command::Work(args) => work::run(args).map_err(CliError::from),
@@ -174,7 +185,7 @@ pub fn run() -> ExitCode {
         Command::Completions(args) => completions::complete(args, Cli::command()),
         Command::Manual(args) => completions::write_manual(args, Cli::command()),
         Command::Convert(args) => convert::run(args).map_err(CliError::from),
-    };
+    });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -26,7 +26,7 @@ enum Action {
     /// to quarantine again.
     Restore {
         /// Names of the raw recordings, or prefixes of names.
-        #[arg(required_unless_present = "all")]
+        #[arg(required_unless_present = "all", conflicts_with = "all")]
         names: Vec<String>,
         /// Restore all raw recordings in quarantine.
         #[arg(long)]

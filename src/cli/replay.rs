@@ -150,7 +150,7 @@ impl Sender<'_> {
                     let header = response.headers().get("retry-after");
                     let seconds = header.and_then(|value| value.to_str().ok()?.parse().ok());
                     let detail = response.body_mut().read_to_string().unwrap_or_default();
-                    if !matches!(status, 429 | 502 | 503 | 504) {
+                    if !matches!(status, 429 | 502 | 503 | 504 | 507) {
                         return Err(failed(format!("the server answered {status}: {detail}")));
                     }
                     retry_after = seconds.map(Duration::from_secs);

@@ -277,6 +277,26 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
 }
 
 #[test]
+fn options_that_would_be_ignored_are_errors() {
+    for (words, expected) in [
+        (&["evaluate", "--recorded", "run.wav", "--out", "scores.html"][..], "--out"),
+        (&["evaluate", "--leave-one-out", "2", "--seed", "7"], "--seed"),
+        (&["quarantine", "restore", "one.wav", "--all"], "--all"),
+        (&["stream", "--asset", "a", "--follow"], "--follow is given without a file"),
+        (
+            &["stream", "x.wav", "--asset", "a", "--start-time", "2026-01-01T00:00:00Z", "--spool", "spool"],
+            "--spool is given with a file",
+        ),
+    ] {
+        flankwatch(words).expect_failure(&[expected]);
+    }
+    let program = || Command::new(env!("CARGO_BIN_EXE_flankwatch"));
+    let wrong = program().args(["token", "list"]).env("FLANKWATCH_LOG", "flankwatch=loud").output().unwrap();
+    let error = String::from_utf8_lossy(&wrong.stderr);
+    assert!(!wrong.status.success() && error.contains("FLANKWATCH_LOG is \"flankwatch=loud\""), "{error}");
+}
+
+#[test]
 fn a_simulated_run_is_scored() {
     let folder = tempfile::tempdir().unwrap();
     let (run, data) = (path(&folder, "run.wav"), path(&folder, "data"));

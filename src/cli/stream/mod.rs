@@ -129,18 +129,23 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
         let detail = "--start-time is missing, expected the time of the first sample of the file";
         return Err(CliError::Argument(detail.to_owned()));
     }
+    if !is_file && args.follow {
+        let detail = "--follow is given without a file, expected a file that grows";
+        return Err(CliError::Argument(detail.to_owned()));
+    }
+    if is_file && args.spool.is_some() {
+        let detail = "--spool is given with a file, which is read again, expected standard input or --alsa";
+        return Err(CliError::Argument(detail.to_owned()));
+    }
     let stop = interrupted();
     let mut source = match &args.alsa {
         Some(device) => Input::Device(sound_card(device, args, Arc::clone(&stop))?),
-        None => {
-            let follows = args.follow && is_file;
-            Input::Bytes(Box::new(Source::open(
-                &args.source,
-                args.raw_format()?,
-                follows,
-                Arc::clone(&stop),
-            )?))
-        }
+        None => Input::Bytes(Box::new(Source::open(
+            &args.source,
+            args.raw_format()?,
+            args.follow,
+            Arc::clone(&stop),
+        )?)),
     };
     let start = args.start_time.unwrap_or_else(Timestamp::now);
     let begin = index_of(start, source.format())?;
@@ -158,7 +163,7 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
             begin_index = next;
         }
     }
-    let spool = Spool::open(args.spool.clone().filter(|_| !is_file), args.spool_bytes, &sender.format)?;
+    let spool = Spool::open(args.spool.clone(), args.spool_bytes, &sender.format)?;
     let shared =
         Arc::new(Shared { buffer: Mutex::new(Buffer { spool, end: None }), changed: Condvar::new() });
     let reader = Reader {
