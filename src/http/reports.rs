@@ -1,7 +1,5 @@
 //! `GET /v1/assets/{asset}/report`: the asset's report as a printable page.
 
-use std::collections::HashMap;
-
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
 use axum::response::Html;
@@ -162,9 +160,6 @@ pub(super) async fn show(
         positions.extend(early..all);
         let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
-        let mut segments: HashMap<SegmentId, Segment> =
-            segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
-        let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
         if let Some(last) = segments.last() {
             let _ticket = app.service.workers.admit_answer()?;
             report.last_spectrum = match app.service.records.spectrum(last).await {

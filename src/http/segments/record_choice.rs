@@ -1,7 +1,5 @@
 //! Selects and counts an asset's records by operating bin and status, or by id.
 
-use std::collections::HashMap;
-
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
@@ -83,10 +81,7 @@ impl RecordChoice {
         }
         keys.truncate(limit);
         let ids: Vec<SegmentId> = keys.into_iter().map(|key| key.id).collect();
-        let found = store.segments_by_id(&ids).await?;
-        let mut found: HashMap<SegmentId, Segment> =
-            found.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
-        Ok(ids.iter().filter_map(|id| found.remove(id)).collect())
+        store.segments_by_id(&ids).await
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reading segments.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
@@ -202,7 +202,7 @@ impl Store {
         Ok(known)
     }
 
-    /// Reads the segments that exist, in no particular order.
+    /// Reads the segments that exist, in the order of `ids`.
     pub async fn segments_by_id(&self, ids: &[SegmentId]) -> Result<Vec<Segment>, StoreError> {
         let mut found = Vec::new();
         for chunk in ids.chunks(200) {
@@ -216,9 +216,12 @@ impl Store {
             }
             let rows = query.fetch_all(self.read()).await?;
             let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
+            let mut by_id = HashMap::with_capacity(rows.len());
             for row in &rows {
-                found.push(segment_of(row, &layouts)?);
+                let segment = segment_of(row, &layouts)?;
+                by_id.insert(segment.id.clone(), segment);
             }
+            found.extend(chunk.iter().filter_map(|id| by_id.remove(id)));
         }
         Ok(found)
     }
