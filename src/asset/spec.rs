@@ -120,6 +120,11 @@ fn default_baseline_records() -> u32 {
     20
 }
 
+impl BaselineSpec {
+    /// Fewest records of a baseline.
+    pub const MIN_RECORDS: u32 = 8;
+}
+
 impl Default for BaselineSpec {
     fn default() -> Self {
         Self { records: default_baseline_records() }
@@ -153,7 +158,7 @@ impl AssetSpec {
         self.stream.validate()?;
         alarm_rules::validate(self)?;
         operating_bin::validate(&self.operating_bins)?;
-        if !(8..=10_000).contains(&self.baseline.records) {
+        if !(BaselineSpec::MIN_RECORDS..=10_000).contains(&self.baseline.records) {
             return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
         }
         self.limits.validate(self.gear.is_some())?;

@@ -7,6 +7,7 @@ mod access;
 mod alarms;
 mod app;
 mod assets;
+mod baseline;
 mod damage;
 mod dashboard;
 mod events;

@@ -7,7 +7,8 @@ use flankwatch::gear::PairSpec;
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
 
-use crate::running::{Service, minute};
+use crate::alarms::loud;
+use crate::running::{Service, minute, plain_asset};
 
 const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 const RATE_HZ: f64 = 12_800.0;
@@ -269,6 +270,59 @@ fn a_report_has_the_senders_comment_and_the_selected_parts() {
     service
         .get(&format!("{report}?recommendation={long}"))
         .expect_problem(400, &["recommendation", "4001 characters long"]);
+}
+
+/// The mesh line of a record with its baseline: by `lines` and by `spectrum`, with the number of records.
+fn mesh_baseline(service: &Service, id: &str) -> (u64, Option<f64>, Option<f64>) {
+    let lines = service.get(&format!("/v1/segments/{id}/lines?at=310")).expect(200).json();
+    let spectrum = service.get(&format!("/v1/segments/{id}/spectrum")).expect(200).json();
+    (
+        lines["baseline_records"].as_u64().unwrap(),
+        lines["items"][0]["change_db"].as_f64(),
+        spectrum["mesh_harmonics"][0]["baseline_amplitude"].as_f64(),
+    )
+}
+
+#[test]
+fn a_record_is_compared_with_the_records_collected_for_the_baseline() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let factor = |n| if n == 2 || n >= 9 { 4.0 } else { 1.0 };
+    let records: Vec<Value> = (0..12).map(|n| service.upload("pump", &loud(n, factor(n)))).collect();
+    let id = |n: usize| records[n]["id"].as_str().unwrap();
+    service.post(&format!("/v1/segments/{}/exclude", id(2)), "application/json", b"").expect(200);
+    service.wait_for("/v1/assets/pump/wear/history", |history| {
+        history["items"][8]["status"] == "collecting_baseline"
+    });
+    let (records, change_db, amplitude) = mesh_baseline(&service, id(11));
+    assert_eq!(records, 8);
+    assert!((change_db.unwrap() - 20.0 * 4_f64.log10()).abs() < 0.1, "{change_db:?}");
+    assert!((amplitude.unwrap() - 1.0).abs() < 0.1, "{amplitude:?}");
+}
+
+#[test]
+fn a_chosen_baseline_has_all_chosen_records_and_no_others() {
+    let service = Service::start();
+    // More and fewer records are chosen than the baseline would have.
+    for (asset, need) in [("few", 20), ("many", 8)] {
+        let mut spec = plain_asset(asset);
+        spec["baseline"]["records"] = json!(need);
+        service.post_json("/v1/assets", &spec).expect(201);
+        let factor = |n| if n < 10 { 1.0 } else { 4.0 };
+        let records: Vec<Value> = (0..24).map(|n| service.upload(asset, &loud(n, factor(n)))).collect();
+        let id = records[23]["id"].as_str().unwrap();
+        let event = json!({ "kind": "baseline_chosen", "time": minute(0), "until": minute(10), "by": "Ada" });
+        service.post_json(&format!("/v1/assets/{asset}/maintenance"), &event).expect(201);
+        service.wait_for(&format!("/v1/assets/{asset}/wear/history"), |history| {
+            let items = history["items"].as_array().unwrap();
+            let baseline = items.iter().filter(|item| item["status"] == "collecting_baseline");
+            baseline.count() == 10 && items[9]["reason"].as_str().unwrap().contains("the chosen baseline")
+        });
+        let (records, change_db, amplitude) = mesh_baseline(&service, id);
+        assert_eq!(records, 10, "{asset}");
+        assert!((change_db.unwrap() - 20.0 * 4_f64.log10()).abs() < 0.1, "{asset}: {change_db:?}");
+        assert!((amplitude.unwrap() - 1.0).abs() < 0.1, "{asset}: {amplitude:?}");
+    }
 }
 
 #[test]

@@ -5,14 +5,12 @@ use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use crate::asset::AssetId;
-use crate::estimate::{MaintenanceKind, WearStatus};
 use crate::http::app::App;
+use crate::http::baseline::BaselinePeriod;
 use crate::http::problem::Problem;
 use crate::http::request::query::{AssetInPath, Parameters};
 use crate::http::{assets, indicators};
 use crate::signal::Indicators;
-use crate::store::Trend;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -76,16 +74,16 @@ pub(crate) async fn show(
     }
     let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let store = &app.service.store;
-    let (trend, since) = match &channel {
-        Some(channel) => (Some(store.trend(channel).await?), baseline_start(&app, &asset.spec.id).await?),
-        None => (None, None),
+    let trend = match &channel {
+        Some(channel) => Some(store.trend(channel).await?),
+        None => None,
     };
     let none = Default::default();
     indicators::check_names(&names, trend.as_ref().map_or(&none, |trend| &trend.indicators), &asset.spec)?;
     let (Some(channel), Some(trend)) = (channel, trend) else {
         return Ok(Json(BaselineView::default()));
     };
-    let positions = latest_baseline(&trend, since);
+    let positions = BaselinePeriod::at(store, &asset.spec.id, None).await?.positions(&trend);
     let item = |name: &String| {
         let column = trend.indicators.get(name);
         let values = positions.iter().filter_map(|n| column.map(|column| column[*n]));
@@ -106,29 +104,6 @@ pub(crate) async fn show(
         last_start_time: time(positions.last()),
         items: names.iter().map(item).collect(),
     }))
-}
-
-/// Start of the latest baseline from maintenance events; `None` without such events.
-async fn baseline_start(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
-    let events = app.service.store.maintenance(asset).await?;
-    let begins = events.iter().rev().find(|event| event.kind != MaintenanceKind::Inspected);
-    Ok(begins.map(|event| event.time))
-}
-
-/// Positions of the records of the latest baseline, at `since` or later.
-fn latest_baseline(trend: &Trend, since: Option<Timestamp>) -> Vec<usize> {
-    use WearStatus::{CollectingBaseline, Estimated, NoLibrary, NotIdentifiable, OutsideLibrary};
-    let all = trend.range(since, None);
-    let is_baseline = |n: &usize| trend.wear[*n].status == CollectingBaseline;
-    let Some(last) = all.clone().rev().find(is_baseline) else {
-        return Vec::new();
-    };
-    let compared = [Estimated, NoLibrary, NotIdentifiable, OutsideLibrary];
-    let before = all.start..=last;
-    let mut positions: Vec<usize> =
-        before.rev().take_while(|n| !compared.contains(&trend.wear[*n].status)).filter(is_baseline).collect();
-    positions.reverse();
-    positions
 }
 
 /// Number, mean and standard deviation of values.

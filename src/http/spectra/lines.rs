@@ -103,10 +103,7 @@ pub(crate) async fn lines(
         ));
     }
     let band = band.map_or(BandChoice::OfAsset, BandChoice::Hertz);
-    let mut baseline = matching::baseline(&app, &segment).await?;
-    if baseline.len() < segment.wear.baseline.need as usize {
-        baseline.clear(); // the baseline is still being collected
-    }
+    let mut baseline = matching::complete_baseline(&app, &segment).await?;
     baseline.retain(|record| record.unit == segment.unit);
     let chosen: Vec<Segment> =
         evenly(baseline.len(), BASELINE_RECORDS).into_iter().map(|n| baseline[n].clone()).collect();

@@ -5,21 +5,24 @@ use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
 
+use super::waterfall::evenly;
 use crate::asset::{Segment, SegmentId};
-use crate::estimate::{MaintenanceEvent, MaintenanceKind};
 use crate::http::app::App;
+use crate::http::baseline::BaselinePeriod;
 use crate::http::problem::Problem;
 use crate::http::request::query::SegmentInPath;
-use crate::http::{libraries, segments};
+use crate::http::{assets, libraries, segments};
 use crate::library::Library;
 use crate::signal::Name;
-use crate::store::{Order, SegmentFilter};
 
 /// Decibels in one unit of a natural logarithm of an amplitude.
 const DB_PER_NEPER: f64 = 20.0 / std::f64::consts::LN_10;
 
 /// Minimum ratio of a line's healthy amplitude to the noise beside it for the line to count.
 const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
+
+/// Maximum number of baseline records that are read.
+const MAX_BASELINE: usize = 1000;
 
 /// Measured and expected changes since the baseline.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -34,7 +37,7 @@ pub(crate) struct MatchView {
     wear_um: f64,
     /// The 90 % interval of the wear depth in µm.
     interval_um: [f64; 2],
-    /// Number of baseline records.
+    /// Number of baseline records compared, at most 1000 of them.
     baseline_records: usize,
     /// The features by name.
     features: Vec<FeatureRow>,
@@ -76,7 +79,7 @@ pub(crate) async fn show(
         return Err(Problem::not_found(format!("this record cannot be matched: {}", wear.reason)));
     };
     let library = libraries::find(&app, library_id).await?;
-    let baseline = baseline(&app, &segment).await?;
+    let baseline = complete_baseline(&app, &segment).await?;
     Ok(Json(MatchView {
         library_id: library_id.clone(),
         state_index: state.index,
@@ -88,23 +91,20 @@ pub(crate) async fn show(
     }))
 }
 
-/// The records of the channel's baseline: its first ones, or those after the latest maintenance before the
-/// record; fewer than needed while the baseline is being collected.
-pub(crate) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
-    let events = app.service.store.maintenance(&segment.asset_id).await?;
-    let begins_baseline = |event: &&MaintenanceEvent| {
-        event.kind != MaintenanceKind::Inspected && event.time <= segment.start_time
-    };
-    let before = events.iter().rev().find(begins_baseline);
-    let filter = SegmentFilter {
-        channel: Some(segment.channel.clone()),
-        from: before.map(|event| event.time),
-        to: None,
-        after: None,
-        order: Order::Asc,
-    };
-    let need = segment.wear.baseline.need.min(1000);
-    Ok(app.service.store.segments(&segment.asset_id, &filter, need).await?)
+/// The records of the baseline that a record is compared with, at most 1000 of them, evenly spaced; none while
+/// it is being collected.
+pub(crate) async fn complete_baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
+    let store = &app.service.store;
+    let channels = store.channels(&segment.asset_id).await?;
+    let trend = store.trend(assets::channel_named(&segment.asset_id, &channels, &segment.channel)?).await?;
+    let period = BaselinePeriod::at(store, &segment.asset_id, Some(segment.start_time)).await?;
+    let positions = period.positions(&trend);
+    if !period.is_complete(&trend, &positions, segment.wear.baseline.need) {
+        return Ok(Vec::new());
+    }
+    let chosen = evenly(positions.len(), MAX_BASELINE).into_iter();
+    let ids: Vec<SegmentId> = chosen.map(|n| trend.segment_id[positions[n]].clone()).collect();
+    Ok(store.segments_by_id(&ids).await?)
 }
 
 fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f64; 3]) -> Vec<FeatureRow> {

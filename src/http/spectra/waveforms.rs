@@ -5,6 +5,7 @@ use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::line_levels::geometric_mean;
 use super::line_range::LineRange;
 use super::{envelope_band, matching};
 use crate::asset::{Segment, SegmentId};
@@ -193,10 +194,7 @@ pub(crate) async fn spectrum(
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
-    let mut baseline = matching::baseline(&app, &segment).await?;
-    if baseline.len() < segment.wear.baseline.need as usize {
-        baseline.clear(); // the baseline is still being collected
-    }
+    let baseline = matching::complete_baseline(&app, &segment).await?;
     let mut view = view(segment, spectrum, lines, max_points, range);
     for harmonic in &mut view.mesh_harmonics {
         harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);
@@ -279,12 +277,9 @@ pub(crate) async fn envelope(
 /// it.
 fn baseline_amplitude(baseline: &[Segment], order: u32, unit: &str) -> Option<f64> {
     let name = format!("mesh_{order}");
-    let logarithm = |record: &Segment| {
-        let amplitude = record.indicators.values.get(&name).copied();
-        amplitude.filter(|amplitude| *amplitude > 0.0 && record.unit == unit).map(f64::ln)
-    };
-    let logarithms: Vec<f64> = baseline.iter().map(logarithm).collect::<Option<_>>()?;
-    (!logarithms.is_empty()).then(|| (logarithms.iter().sum::<f64>() / logarithms.len() as f64).exp())
+    let amplitude =
+        |record: &Segment| record.indicators.values.get(&name).copied().filter(|_| record.unit == unit);
+    geometric_mean(baseline.iter().map(amplitude))
 }
 
 fn view(
