@@ -216,6 +216,28 @@ fn a_waterfall_has_the_mesh_line_in_one_column() {
 }
 
 #[test]
+fn a_waterfall_over_orders_follows_a_changed_shaft_speed() {
+    let service = Service::start();
+    let mut spec = plain_asset("pump");
+    service.post_json("/v1/assets", &spec).expect(201);
+    service.upload("pump", &loud(0, 1.0));
+    let path = "/v1/assets/pump/waterfall?axis=orders&cells=100&max=100";
+    let mesh_order = || {
+        let waterfall = service.get(path).expect(200).json();
+        numbers(&waterfall["position"])[highest(&numbers(&waterfall["items"][0]["level_db"]))]
+    };
+    assert!((mesh_order() - 31.0).abs() < 1.0, "{}", mesh_order());
+    // The same mesh frequency with other teeth.
+    spec["gear"] = json!({ "teeth": [20, 40], "shaft_speed_hz": 15.5 });
+    service.put_json("/v1/assets/pump", &spec).expect(200);
+    service.wait_for("/v1/assets/pump/segments", |list| {
+        let speed_hz = list["items"][0]["shaft_speed"]["shaft_speed_hz"].as_f64();
+        speed_hz.is_some_and(|speed_hz| (speed_hz - 15.5).abs() < 0.1)
+    });
+    assert!((mesh_order() - 20.0).abs() < 1.0, "{}", mesh_order());
+}
+
+#[test]
 fn a_report_is_one_page_without_scripts() {
     let service = Service::start();
     service.plain_asset("idle");

@@ -52,13 +52,11 @@ impl SpectrumLines {
                 Ok(amplitudes.map(|amplitudes| (amplitudes, None)))
             }
             SpectrumKind::Envelope => {
-                let per_unit = match (self.axis, segment.shaft_speed) {
-                    (Axis::Hz, _) => 1.0,
-                    (Axis::Orders, Some(speed)) => speed.shaft_speed_hz,
-                    (Axis::Orders, None) => return Ok(Err(NotComputed::NoSpeed)),
+                let Some(unit_hz) = self.axis.unit_hz(segment) else {
+                    return Ok(Err(NotComputed::NoSpeed));
                 };
                 let envelope = service.records.envelope(segment, self.band).await?;
-                let resolution = envelope.spectrum.resolution_hz / per_unit;
+                let resolution = envelope.spectrum.resolution_hz / unit_hz;
                 let amplitudes = read(&self.positions, &envelope.spectrum.amplitude, resolution);
                 Ok(Ok((amplitudes, Some(envelope.band.band_hz))))
             }

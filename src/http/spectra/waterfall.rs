@@ -1,14 +1,12 @@
 //! `/v1/assets/{asset}/waterfall`: spectra over a channel's life, each reduced to the same cells.
 
-use std::collections::HashMap;
-
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinSet;
 
-use super::line_cache::{Axis, Grid, Line};
+use super::line_cache::{Axis, Grid, Line, LineKey};
 use crate::asset::{Segment, SegmentId};
 use crate::http::app::App;
 use crate::http::assets;
@@ -138,9 +136,6 @@ pub(crate) async fn show(
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
     let segments = app.service.store.segments_by_id(&ids).await?;
-    let mut segments: HashMap<SegmentId, Segment> =
-        segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
-    let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
     let Some(first) = segments.first() else {
         return Ok(Json(view));
     };
@@ -193,19 +188,20 @@ pub(crate) fn evenly(length: usize, max: usize) -> Vec<usize> {
 /// The reduced spectra of segments in order; `None` if the axis is orders and the speed is unknown, or if the
 /// raw bytes are no longer available.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
-    let mut lines: Vec<Option<Line>> =
-        segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
-    let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
-    let missing: Vec<usize> = missing.by_ref().collect();
+    let mut lines: Vec<Option<Line>> = vec![None; segments.len()];
+    let mut missing = Vec::new();
+    for (n, segment) in segments.iter().enumerate() {
+        let Some(unit_hz) = grid.axis.unit_hz(segment) else { continue };
+        let key = LineKey::new(segment.id.clone(), grid, unit_hz);
+        lines[n] = app.lines.get(&key);
+        if lines[n].is_none() {
+            missing.push((n, unit_hz, key));
+        }
+    }
     for some in missing.chunks(AT_ONCE) {
         let mut tasks = JoinSet::new();
-        for n in some {
-            let (service, segment, n) = (app.service.clone(), segments[*n].clone(), *n);
-            let unit_hz = match grid.axis {
-                Axis::Hz => Some(1.0),
-                Axis::Orders => segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
-            };
-            let Some(unit_hz) = unit_hz else { continue };
+        for (n, unit_hz, key) in some.iter().cloned() {
+            let (service, segment) = (app.service.clone(), segments[n].clone());
             tasks.spawn(async move {
                 let reduce = move |spectrum: &Spectrum| {
                     levels(&spectrum.amplitude, spectrum.resolution_hz / unit_hz, grid)
@@ -216,16 +212,16 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
                         reduce(&analyzer.amplitude_spectrum(record))
                     })
                     .await;
-                (n, line)
+                (n, key, line)
             });
         }
         while let Some(done) = tasks.join_next().await {
-            let (n, line) = done.map_err(|_| ServiceError::WorkerLost("reduce a spectrum"))?;
+            let (n, key, line) = done.map_err(|_| ServiceError::WorkerLost("reduce a spectrum"))?;
             let line: Line = match line {
                 Err(error) if error.is_raw_unavailable() => continue,
                 line => line?.into(),
             };
-            app.lines.insert(segments[n].id.clone(), grid, line.clone());
+            app.lines.insert(key, line.clone());
             lines[n] = Some(line);
         }
     }
