@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::envelope::AnalyzedEnvelope;
 use crate::estimate::WearEstimate;
+use crate::http::json_name;
 use crate::report::ReportedRecord;
 use crate::signal::{Basis, Features, Indicators, ShaftSpeed, SpeedDoubt, SpeedSource};
 
@@ -50,14 +51,14 @@ pub(super) struct AnalyzedRecord {
 impl AnalyzedRecord {
     /// Returns the name of the status; `None` without an asset description.
     pub(super) fn status(&self) -> Option<String> {
-        self.wear.as_ref().map(|wear| name_of(&wear.status))
+        self.wear.as_ref().map(|wear| json_name(&wear.status))
     }
 
     /// Returns the name of what wear does not explain: the sensor fault or, without one, the machine sign.
     pub(super) fn cause(&self) -> Option<String> {
         let novelty = self.wear.as_ref()?.novelty.as_ref()?;
-        let sign = || novelty.machine_sign.as_ref().map(name_of);
-        novelty.sensor_fault.as_ref().map(name_of).or_else(sign)
+        let sign = || novelty.machine_sign.as_ref().map(json_name);
+        novelty.sensor_fault.as_ref().map(json_name).or_else(sign)
     }
 }
 
@@ -69,12 +70,6 @@ pub(super) fn by_channel(records: &[AnalyzedRecord]) -> BTreeMap<&str, Vec<&Anal
     }
     channels.values_mut().for_each(|records| records.sort_by_key(|record| record.start_time));
     channels
-}
-
-/// Returns the name of a value in JSON.
-fn name_of(value: &impl Serialize) -> String {
-    let name = serde_json::to_value(value).ok();
-    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
 }
 
 impl From<&AnalyzedRecord> for ReportedRecord {

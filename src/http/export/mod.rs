@@ -20,14 +20,14 @@ use super::app::App;
 use super::problem::Problem;
 use super::request::body::SpooledBody;
 use super::request::query::{AssetInPath, Parameters};
-use super::wear::status_name;
+use super::table::json_name;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
 use crate::service::{Readiness, ServiceError};
 use crate::signal::{Record, reduction};
-use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
+use crate::store::{AlarmFilter, ChannelSummary, SegmentFilter, SegmentKey, StoredAlarmChange};
 
 /// Segments read at once, to limit memory.
 const PAGE: u32 = 200;
@@ -256,7 +256,7 @@ fn write(
     writer.write(&base, HistoryKind::Indicators, start, received, &indicators)?;
     let wear = WearEstimate {
         start_time_ns: nanoseconds(start),
-        status: status_name(segment.wear.status),
+        status: json_name(&segment.wear.status),
         median_um: segment.wear.median_um,
         low_um: segment.wear.low_um,
         high_um: segment.wear.high_um,

@@ -10,7 +10,7 @@ use crate::asset::SegmentId;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::query::{self, Parameters, SegmentInPath};
-use crate::http::segments;
+use crate::http::{segments, table};
 use crate::signal::{AngleSource, Gear, NotComputed, OrderSpectrum, TurnAverage, reduction};
 
 /// Default number of points of a curve.
@@ -210,7 +210,6 @@ pub(crate) async fn turn(
 
 /// The problem for a curve that is not available for this record.
 pub(crate) fn absent(what: &str, absence: NotComputed) -> Problem {
-    let reason = serde_json::to_value(absence).ok();
-    let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
+    let reason = table::json_name(&absence).replace('_', " ");
     Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
 }

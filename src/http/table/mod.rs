@@ -118,14 +118,20 @@ impl Table {
     }
 }
 
+/// The name of a value in JSON.
+pub(crate) fn json_name(value: &impl Serialize) -> String {
+    let name = serde_json::to_value(value).ok();
+    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
+}
+
 /// Responds in the requested format, with an entity tag.
 pub(super) fn answer<T: Serialize>(
-    mark: HeaderValue,
+    etag: HeaderValue,
     format: Format,
     view: T,
     table_of: impl FnOnce(&T) -> Table,
 ) -> Result<Response, Problem> {
-    let fields = [(header::ETAG, mark), (header::VARY, HeaderValue::from_static("accept"))];
+    let fields = [(header::ETAG, etag), (header::VARY, HeaderValue::from_static("accept"))];
     let fault = |error: String| {
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("failed to write the table: {error}"))
     };

@@ -194,17 +194,12 @@ pub(super) async fn history(
     table::answer(tag, format, view, table_of)
 }
 
-/// The serialised name of a status.
-pub(super) fn status_name(status: WearStatus) -> String {
-    serde_json::to_value(status).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
-}
-
 fn table_of(view: &HistoryView) -> Table {
     let mut table = Table::new(view.reduced);
     let rows = || view.items.iter();
     table.times("start_time", rows().map(|row| row.start_time));
     table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));
-    table.words("status", rows().map(|row| status_name(row.point.status)));
+    table.words("status", rows().map(|row| table::json_name(&row.point.status)));
     table.words("reason", rows().map(|row| row.point.reason.to_string()));
     table.numbers("median_um", "µm", rows().map(|row| row.point.median_um));
     table.numbers("mean_um", "µm", rows().map(|row| row.point.mean_um));
