@@ -280,6 +280,12 @@ impl From<ServiceError> for Problem {
     }
 }
 
+impl From<RecordingError> for Problem {
+    fn from(error: RecordingError) -> Self {
+        ServiceError::from(error).into()
+    }
+}
+
 /// A value with its numbers in scientific notation where they have more digits than anyone reads.
 pub(crate) fn shortened(value: &str) -> String {
     let word = |word: &str| match word.parse::<f64>() {

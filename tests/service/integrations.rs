@@ -102,6 +102,22 @@ with open(sys.argv[1], "rb") as file:
 "#;
 
 #[test]
+fn the_spectra_of_an_export_are_spread_over_its_records() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for n in 0..12 {
+        service.upload("pump", &record("1", n));
+    }
+    let range = "from=2026-01-01T00:04:00Z&to=2026-01-01T00:08:00Z";
+    for (spectra, expected) in [(4, 4), (2, 2), (0, 0)] {
+        let export = service.get(&format!("/v1/assets/pump/export?{range}&spectra={spectra}")).expect(200);
+        let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
+        let count = messages.filter(|message| message.channel.topic == "/pump/1/spectrum").count();
+        assert_eq!(count, expected, "{spectra}");
+    }
+}
+
+#[test]
 #[ignore = "needs Python's MCAP reader (pip install mcap mcap-protobuf-support)"]
 fn pythons_reader_opens_an_exported_history() {
     let python = on_path("python3").filter(|python| {

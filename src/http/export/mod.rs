@@ -53,7 +53,7 @@ pub(super) struct ExportParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Number of spectra, spread evenly over the history; default 100, at most 10000.
+    /// Number of spectra, spread evenly over the exported records; default 100, at most 10000.
     #[param(maximum = 10000)]
     spectra: Option<u64>,
     /// Whether the samples of the records are included; default false.
@@ -109,22 +109,23 @@ async fn write_export(
     let store = &app.service.store;
     let spec = store.asset(asset).await?.spec;
     let channels = store.channels(asset).await?;
-    let is_wanted = |name: &str| params.channel.as_ref().is_none_or(|channel| channel == name);
-    let segments: u64 =
-        channels.iter().filter(|channel| is_wanted(&channel.channel)).map(|channel| channel.segments).sum();
+    let is_wanted =
+        |channel: &&ChannelSummary| params.channel.as_ref().is_none_or(|name| *name == channel.channel);
+    let mut records = 0;
+    for channel in channels.iter().filter(is_wanted).filter(|_| spectra > 0) {
+        records += store.trend(channel).await?.range(params.from, params.to).len() as u64;
+    }
     let (file, spooled) = new_file(folder)?;
-    let mut writer =
-        HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
-    let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
-    let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
+    let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file))?;
+    let latest: Vec<_> =
+        channels.iter().filter(is_wanted).filter_map(|channel| channel.last_segment.clone()).collect();
     for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
-        writer.metadata(name, entries).map_err(ServiceError::from)?;
+        writer.metadata(name, entries)?;
     }
     if let Readiness::Ready(library) = app.service.simulations.of(&spec).1.readiness
         && let Ok(manifest) = serde_json::to_vec_pretty(library.manifest())
     {
-        let attached = writer.attach("library.json", "application/json", app.service.now(), &manifest);
-        attached.map_err(ServiceError::from)?;
+        writer.attach("library.json", "application/json", app.service.now(), &manifest)?;
     }
     let mut filter = SegmentFilter {
         channel: params.channel.clone(),
@@ -142,7 +143,7 @@ async fn write_export(
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
             // every k-th record, to approach the requested number
-            let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
+            let is_chosen = spectra > 0 && number % records.div_ceil(spectra).max(1) == 0;
             number += 1;
             let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
             let record = if with_waveforms { record_of(app, &segment).await? } else { None };
@@ -154,7 +155,7 @@ async fn write_export(
             })?;
             Ok::<_, RecordingError>(writer)
         });
-        writer = written.await?.map_err(ServiceError::from)?;
+        writer = written.await??;
     }
     let changes = alarm_changes(app, asset, params).await?;
     let written = app.service.workers.run("write alarms", move || {
@@ -164,9 +165,9 @@ async fn write_export(
         })?;
         Ok::<_, RecordingError>(writer)
     });
-    let writer = written.await?.map_err(ServiceError::from)?;
+    let writer = written.await??;
     let finished = app.service.workers.run("write a history", move || writer.finish().map(drop));
-    finished.await?.map_err(ServiceError::from)?;
+    finished.await??;
     let name = format!("attachment; filename=\"{asset}.mcap\"");
     let fields =
         [(header::CONTENT_TYPE, "application/mcap".to_string()), (header::CONTENT_DISPOSITION, name)];

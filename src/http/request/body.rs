@@ -217,7 +217,7 @@ impl<T: DeserializeOwned> FromRequest<App> for Described<T> {
 const MAGIC_BYTES: usize = 16;
 
 fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
-    match Format::detect(beginning).map_err(ServiceError::from)? {
+    match Format::detect(beginning)? {
         Format::Mcap => Ok(()),
         other => {
             let detail =

@@ -28,7 +28,7 @@ use super::server::connections::closing;
 use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{ServiceError, StreamProgress, StreamSender};
+use crate::service::{StreamProgress, StreamSender};
 use views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
@@ -118,18 +118,12 @@ pub(super) struct KeepParameters {
 impl StreamParameters {
     fn format(&self) -> Result<StreamFormat, Problem> {
         let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
-        let sample: RawSample = self
-            .sample
-            .as_deref()
-            .ok_or_else(|| missing("sample"))?
-            .parse()
-            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+        let sample: RawSample = self.sample.as_deref().ok_or_else(|| missing("sample"))?.parse()?;
         let rate_hz = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let names = self.channel_names.iter().flat_map(|names| names.split(','));
         let names = names.map(|name| name.trim().to_owned()).collect();
         let format = StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1).into(), self.scale)
-            .and_then(|format| format.with_names(self.unit.clone(), names))
-            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+            .and_then(|format| format.with_names(self.unit.clone(), names))?;
         self.with_tachometer(format)
     }
 
@@ -146,9 +140,7 @@ impl StreamParameters {
         let missing = || Problem::query("tachometer_level", "missing", expected);
         let level = self.tachometer_level.ok_or_else(missing)?;
         let of_revolution = self.pulses_per_revolution.unwrap_or(1);
-        format
-            .with_tachometer(channel.trim(), level, self.tachometer_hysteresis, of_revolution)
-            .map_err(|error| Problem::from(ServiceError::Recording(error)))
+        Ok(format.with_tachometer(channel.trim(), level, self.tachometer_hysteresis, of_revolution)?)
     }
 
     fn name(&self) -> &str {

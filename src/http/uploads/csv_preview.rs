@@ -12,7 +12,6 @@ use crate::http::problem::Problem;
 use crate::http::request::body;
 use crate::http::request::query::Parameters;
 use crate::recording::{ColumnRole, CsvLayout, CsvPreview};
-use crate::service::ServiceError;
 
 /// Maximum number of bytes read of a file.
 const MAX_BYTES: usize = 1 << 20;
@@ -123,8 +122,7 @@ pub(crate) async fn csv_preview(
     let _ticket = app.service.workers.admit_answer()?;
     let lines = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let preview = move || CsvPreview::of(&lines, layout, STRETCHES);
-    let preview =
-        app.service.workers.run("preview a CSV file", preview).await?.map_err(ServiceError::from)?;
+    let preview = app.service.workers.run("preview a CSV file", preview).await??;
     Ok(Json(CsvPreviewView::of(preview, layout)))
 }
 
@@ -145,8 +143,7 @@ impl CsvParameters {
             text.trim().parse::<u16>().map_err(|_| refused())
         };
         let columns: Vec<u16> = numbers.map(number).collect::<Result<_, _>>()?;
-        CsvLayout::new(self.sample_rate_hz, self.time_column, &columns)
-            .map_err(|error| ServiceError::from(error).into())
+        Ok(CsvLayout::new(self.sample_rate_hz, self.time_column, &columns)?)
     }
 }
 

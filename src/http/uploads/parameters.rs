@@ -7,7 +7,7 @@ use super::csv_preview::CsvParameters;
 use crate::http::problem::Problem;
 use crate::http::request::body;
 use crate::recording::RawLayout;
-use crate::service::{ChannelNames, RecordFormat, SampleFile, ServiceError, UploadMetadata};
+use crate::service::{ChannelNames, RecordFormat, SampleFile, UploadMetadata};
 use crate::signal::OperatingPoint;
 
 const RAW: &str = "application/octet-stream";
@@ -157,7 +157,7 @@ impl UploadParameters {
         let layout = sample
             .parse()
             .and_then(|sample| RawLayout::new(sample, rate, self.channels.unwrap_or(1), self.scale));
-        Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
+        Ok(RecordFormat::Raw(layout?))
     }
 
     /// Returns what is given beside the samples.
