@@ -329,10 +329,10 @@ fn the_baseline_can_be_chosen_by_time_range() {
     let chosen =
         |until: &str| json!({ "kind": "baseline_chosen", "time": from, "until": until, "by": "Ada" });
     add_event(json!({ "kind": "baseline_chosen", "time": from, "by": "Ada" }))
-        .expect_problem(400, &["until"]);
-    add_event(chosen(from)).expect_problem(400, &["until", from]);
+        .expect_problem(422, &["until is missing"]);
+    add_event(chosen(from)).expect_problem(422, &["until", from]);
     add_event(json!({ "kind": "gear_replaced", "time": from, "until": until, "by": "Ada" }))
-        .expect_problem(400, &["until"]);
+        .expect_problem(422, &["until", "baseline_chosen"]);
     let event = add_event(chosen(until)).expect(201).json();
     let history = service.wait_for("/v1/assets/pump/wear/history", |history| {
         history["items"][12]["status"] == "collecting_baseline"

@@ -73,3 +73,26 @@ fn a_maintenance_event_restarts_the_baseline_at_any_time() {
     service.get("/v1/assets/none/maintenance").expect_problem(404, &["none"]);
     service.post_json("/v1/assets/none/maintenance", &done).expect_problem(404, &["none"]);
 }
+
+#[test]
+fn a_refused_event_names_the_field_at_fault() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let inspected = |inspection: Value| json!({ "kind": "inspected", "by": "Ada", "inspection": inspection });
+    let replaced = |field: &str, value: Value| json!({ "kind": "gear_replaced", "by": "Ada", field: value });
+    for (event, field, value) in [
+        (inspected(json!({ "depth_um": -1 })), "inspection.depth_um", "-1"),
+        (inspected(json!({ "depth_um": 1, "error_um": 0 })), "inspection.error_um", "0"),
+        (inspected(json!({ "depth_um": 1, "gear": 3 })), "inspection.gear", "3"),
+        (inspected(json!(null)), "inspection", "missing"),
+        (replaced("inspection", json!({ "depth_um": 1 })), "inspection", "given"),
+        (replaced("until", json!(minute(1))), "until", "2026-01-01T00:01:00Z"),
+        (json!({ "kind": "baseline_chosen", "by": "Ada" }), "until", "missing"),
+        (json!({ "kind": "gear_replaced", "by": "" }), "by", "\"\""),
+    ] {
+        let problem =
+            service.post_json("/v1/assets/pump/maintenance", &event).expect_problem(422, &[field, value]);
+        assert_eq!((&problem["field"], &problem["value"]), (&json!(field), &json!(value)), "{event}");
+        assert!(problem["expected"].is_string(), "{problem}");
+    }
+}

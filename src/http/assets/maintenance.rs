@@ -1,8 +1,8 @@
 //! `/v1/assets/{asset}/maintenance`: maintenance events of a machine.
 
 use axum::Json;
-use axum::extract::{FromRequestParts, Path, State};
-use axum::http::request::Parts;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use jiff::Timestamp;
@@ -20,7 +20,7 @@ use crate::store::StoredEvent;
 /// A maintenance event to add.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Done {
+pub(crate) struct MaintenanceRequest {
     /// Time; default now.
     #[serde(default)]
     #[schema(example = "2026-03-01T08:00:00Z")]
@@ -71,15 +71,15 @@ impl EventView {
     post,
     path = "/v1/assets/{asset}/maintenance",
     tag = "assets",
-    request_body(content = Done),
+    request_body(content = MaintenanceRequest),
     responses((status = 201, body = EventView, headers(("location" = String, description = "Its address")))),
 )]
 pub(crate) async fn add(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Described(done): Described<Done>,
+    Described(request): Described<MaintenanceRequest>,
 ) -> Result<impl IntoResponse, Problem> {
-    let Done { time, kind, by, comment, inspection, until } = done;
+    let MaintenanceRequest { time, kind, by, comment, inspection, until } = request;
     check_signature(&by, &comment)?;
     let time = time.unwrap_or_else(|| app.service.now());
     check_inspection(kind, inspection.as_ref())?;
@@ -127,57 +127,42 @@ pub(crate) async fn list(
 )]
 pub(crate) async fn remove(
     State(app): State<App>,
-    EventInPath { asset, event }: EventInPath,
+    path: Result<Path<(String, String)>, PathRejection>,
 ) -> Result<StatusCode, Problem> {
-    app.service.maintenance.remove(&asset, &event).await?;
+    let Path((asset, event)) = path.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
+    app.service.maintenance.remove(&query::asset_id(asset)?, &event).await?;
     Ok(StatusCode::NO_CONTENT)
-}
-
-/// An asset and one of its events in the path.
-pub(crate) struct EventInPath {
-    asset: AssetId,
-    event: String,
-}
-
-impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
-    type Rejection = Problem;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        let parsed = Path::<(String, String)>::from_request_parts(parts, state).await;
-        let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
-        Ok(Self { asset: query::asset_id(asset)?, event })
-    }
 }
 
 /// Rejects a chosen baseline without an end, and an end for any other kind.
 fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>) -> Result<(), Problem> {
-    let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
     match (kind, until) {
         (MaintenanceKind::BaselineChosen, None) => {
-            refused("until is missing, expected the end of the baseline for the kind baseline_chosen".into())
+            let expected = "the end of the baseline for the kind baseline_chosen";
+            Err(Problem::content("until", "missing", expected))
         }
         (MaintenanceKind::BaselineChosen, Some(until)) if until <= time => {
-            refused(format!("until is {until}, expected a time after {time}"))
+            Err(Problem::content("until", until, &format!("a time after {time}")))
         }
         (MaintenanceKind::BaselineChosen, Some(_)) | (_, None) => Ok(()),
         (_, Some(until)) => {
-            refused(format!("until is {until}, expected it only for the kind baseline_chosen"))
+            Err(Problem::content("until", until, "no value unless the kind is baseline_chosen"))
         }
     }
 }
 
 /// Rejects an inspection without a measurement, and a measurement for any other kind.
 fn check_inspection(kind: MaintenanceKind, inspection: Option<&Inspection>) -> Result<(), Problem> {
-    let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
-    match (kind, inspection) {
-        (MaintenanceKind::Inspected, None) => {
-            refused("inspection is missing, expected its depth_um for the kind inspected".into())
-        }
+    let (field, value, expected) = match (kind, inspection) {
         (MaintenanceKind::Inspected, Some(inspection)) => match inspection.fault() {
-            Some((field, value, expected)) => refused(format!("{field} is {value}, expected {expected}")),
-            None => Ok(()),
+            Some(fault) => fault,
+            None => return Ok(()),
         },
-        (_, Some(_)) => refused("inspection is given, expected it only for the kind inspected".into()),
-        (_, None) => Ok(()),
-    }
+        (MaintenanceKind::Inspected, None) => {
+            ("inspection", "missing".to_owned(), "its depth_um for the kind inspected")
+        }
+        (_, Some(_)) => ("inspection", "given".to_owned(), "no value unless the kind is inspected"),
+        (_, None) => return Ok(()),
+    };
+    Err(Problem::content(field, value, expected))
 }
