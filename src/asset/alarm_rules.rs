@@ -58,32 +58,12 @@ impl AssetSpec {
         }));
         rules
     }
-}
 
-fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
-    let WearLimits { warning_um, danger_um } = *limits;
-    let lower = warning_um.or(danger_um)?;
-    Some(AlarmRule {
-        // A warning at the same depth as danger is redundant.
-        warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
-        danger: danger_um,
-        hysteresis: HYSTERESIS * lower,
-        ..AlarmRule::of(AlarmQuantity::WearUm)
-    })
-}
-
-pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
-    let rules = spec.alarms.as_deref().unwrap_or_default();
-    if rules.len() > MAX_RULES {
-        return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
-    }
-    for (index, rule) in rules.iter().enumerate() {
-        if rules[..index].iter().any(|other| other.quantity == rule.quantity) {
-            return Err(field("alarms.quantity", &rule.quantity, "each quantity at most once"));
-        }
+    /// Checks one rule; a field at fault is one of `alarms`.
+    pub fn check_rule(&self, rule: &AlarmRule) -> Result<(), AssetError> {
         if let Some(name) = rule.quantity.indicator() {
-            check_indicator(name, spec)?;
-        } else if rule.quantity.is_wear() && spec.gear.is_none() {
+            check_indicator(name, self)?;
+        } else if rule.quantity.is_wear() && self.gear.is_none() {
             let expected = "a quantity other than wear: no gear is described";
             return Err(field("alarms.quantity", &rule.quantity, expected));
         }
@@ -109,7 +89,32 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
             AlarmError::NoLevel | AlarmError::State { .. } => {
                 field("alarms", &rule.quantity, "a warning or a danger level for each quantity")
             }
-        })?;
+        })
+    }
+}
+
+fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
+    let WearLimits { warning_um, danger_um } = *limits;
+    let lower = warning_um.or(danger_um)?;
+    Some(AlarmRule {
+        // A warning at the same depth as danger is redundant.
+        warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
+        danger: danger_um,
+        hysteresis: HYSTERESIS * lower,
+        ..AlarmRule::of(AlarmQuantity::WearUm)
+    })
+}
+
+pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
+    let rules = spec.alarms.as_deref().unwrap_or_default();
+    if rules.len() > MAX_RULES {
+        return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
+    }
+    for (index, rule) in rules.iter().enumerate() {
+        if rules[..index].iter().any(|other| other.quantity == rule.quantity) {
+            return Err(field("alarms.quantity", &rule.quantity, "each quantity at most once"));
+        }
+        spec.check_rule(rule)?;
     }
     Ok(())
 }

@@ -65,7 +65,7 @@ fn records_are_excluded_included_and_deleted_by_name() {
     service.delete(&foreign).expect_problem(404, &["pump", "segment"]);
     assert_eq!(service.get(&format!("{SEGMENTS}/count")).expect(200).json()["records"], 5, "all or none");
     let both = format!("{SEGMENTS}?{named}&from=2026-01-01T00:00:00Z");
-    service.delete(&both).expect_problem(400, &["ids"]);
+    service.delete(&both).expect_problem(400, &["ids is given, expected no value together with channel"]);
     let many = vec![id(0); 201].join(",");
     service.delete(&format!("{SEGMENTS}?ids={many}")).expect_problem(400, &["201", "200"]);
     assert_eq!(service.delete(&format!("{SEGMENTS}?{named}")).expect(200).json(), json!({ "deleted": 2 }));
@@ -140,6 +140,13 @@ fn a_trial_rule_is_evaluated_on_the_history() {
     assert_eq!((&without["records"], &without["dangers"]), (&json!(9), &json!(1)), "{without}");
 
     attempt(&json!({ "quantity": { "indicator": "rms" } })).expect_problem(422, &["warning"]);
+    let inverted = json!({ "quantity": { "indicator": "rms" }, "warning": 60, "danger": 50 });
+    let problem =
+        attempt(&inverted).expect_problem(422, &["rule.danger is 50, expected a level above warning"]);
+    assert_eq!((&problem["field"], &problem["value"]), (&json!("rule.danger"), &json!("50")));
+    let twice = json!({ "quantity": "novelty", "warning": 4, "settings":
+        { "raise": 3, "raise_of": 2, "clear": 1, "clear_of": 1 } });
+    assert_eq!(attempt(&twice).expect_problem(422, &[])["field"], "rule.settings.raise");
     attempt(&json!({ "quantity": { "indicator": "rns" }, "warning": 1 }))
         .expect_problem(422, &["rns", "rms"]);
     attempt(&json!({ "quantity": "stale_s", "warning": 60 })).expect_problem(422, &["stale_s", "clock"]);

@@ -7,6 +7,7 @@ use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use crate::asset::AssetError;
 use crate::estimate::{AlarmPanel, AlarmQuantity, AlarmRule, MaintenanceEvent, Severity};
 use crate::http::app::App;
 use crate::http::assets;
@@ -14,7 +15,6 @@ use crate::http::problem::Problem;
 use crate::http::request::body::Described;
 use crate::http::request::query::AssetInPath;
 use crate::service::Service;
-use crate::signal::Indicators;
 use crate::store::{ChannelSummary, RecordResults};
 
 /// Records read and evaluated at a time.
@@ -82,7 +82,6 @@ pub(crate) async fn try_rule(
     AssetInPath(asset): AssetInPath,
     Described(TrialRequest { rule, channel }): Described<TrialRequest>,
 ) -> Result<Json<AlarmTrial>, Problem> {
-    rule.validate().map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
     let of_one_channel = match rule.quantity {
         AlarmQuantity::StaleS => {
             Err("a quantity of records: time without a record depends on the clock and cannot be tried")
@@ -92,13 +91,12 @@ pub(crate) async fn try_rule(
     };
     of_one_channel.map_err(|expected| Problem::content("rule.quantity", &rule.quantity, expected))?;
     let (asset, channel) = assets::asset_and_channel(&app, &asset, channel.as_deref()).await?;
-    let known = asset.spec.indicator_names();
-    let is_unknown = |name: &&str| !known.iter().any(|known| known == name);
-    if let Some(unknown) = rule.quantity.indicator().filter(is_unknown) {
-        let nearest = Indicators::nearest(unknown, known.iter().map(String::as_str)).join(", ");
-        let expected = format!("the name of an indicator; the nearest are {nearest}");
-        return Err(Problem::content("rule.quantity.indicator", format!("{unknown:?}"), &expected));
-    }
+    asset.spec.check_rule(&rule).map_err(|error| match error {
+        AssetError::Field { field, value, expected } => {
+            Problem::content(&field.replacen("alarms", "rule", 1), value, &expected)
+        }
+        error => error.into(),
+    })?;
     let Some(channel) = channel else {
         return Ok(Json(AlarmTrial::default()));
     };

@@ -113,7 +113,7 @@ async fn set_range(
     params: RangeParameters,
     is_excluded: bool,
 ) -> Result<Json<Changed>, Problem> {
-    let ranges = params.ranges(app, asset, "a time here or in to, or ids").await?;
+    let ranges = params.ranges(app, asset, "at least one of from, to and ids").await?;
     let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
     Ok(Json(Changed { changed }))
 }

@@ -225,7 +225,7 @@ impl RangeParameters {
     ) -> Result<Vec<RecordRange>, Problem> {
         if let Some(ids) = &self.ids {
             if self.channel.is_some() || self.from.is_some() || self.to.is_some() {
-                return Err(Problem::query("ids", "given", "either ids, or channel, from and to"));
+                return Err(Problem::query("ids", "given", "no value together with channel, from or to"));
             }
             return record_choice::named(&app.service.store, asset, ids).await;
         }
@@ -262,7 +262,7 @@ pub(super) async fn remove_range(
     AssetInPath(asset): AssetInPath,
     Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
-    let all = "a time here or in to, or ids: delete the asset to delete all";
+    let all = "at least one of from, to and ids; to delete all records, delete the asset";
     let ranges = params.ranges(&app, &asset, all).await?;
     let deleted = app.service.removals.remove_each(&asset, &ranges).await?;
     Ok(Json(Deleted { deleted }))
