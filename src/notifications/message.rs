@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::estimate::Severity;
-use crate::report::quantity_words;
+use crate::report::{quantity_words, reading_words};
 use crate::store::{Notification, NotificationKind};
 
 /// A notification with what its row in the store lacks.
@@ -69,7 +69,7 @@ impl Message {
             format!("Previous   {}", severity_before.map_or("none", Severity::name)),
         ];
         if let Some(value) = value {
-            lines.push(format!("Value      {value:.4}"));
+            lines.push(format!("Value      {}", reading_words(*value)));
         }
         for (name, level) in rule.iter().flat_map(|rule| {
             [
@@ -147,10 +147,13 @@ mod tests {
     fn a_text_has_value_limits_and_the_dashboard_url() {
         let text = message(NotificationKind::Raised, [None, Some(Severity::Danger)]).text();
         for words in
-            ["Value      412.2500", "Danger     above 400", "Previous   none", "alarm=a1", "Notification 5f"]
+            ["Value      412.2", "Danger     above 400", "Previous   none", "alarm=a1", "Notification 5f"]
         {
             assert!(text.contains(words), "{words} in {text}");
         }
+        let mut small = message(NotificationKind::Raised, [None, Some(Severity::Danger)]);
+        small.notification.value = Some(3e-5);
+        assert!(small.text().contains("Value      0.00003000"), "{}", small.text());
     }
 
     #[test]

@@ -154,10 +154,13 @@ fn change_row(change: &AlarmChange) -> String {
     row(change.time, &[&what, &reading, &change.by, &change.comment])
 }
 
-/// Four significant digits: more would suggest false precision.
-fn reading_words(value: f64) -> String {
+/// A reading with four significant digits: more would suggest false precision.
+pub fn reading_words(value: f64) -> String {
+    if value != 0.0 && !(1e-6..1e9).contains(&value.abs()) {
+        return format!("{value:.3e}");
+    }
     let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
-    let decimals = usize::try_from(3 - digits).unwrap_or(0).min(9);
+    let decimals = usize::try_from(3 - digits).unwrap_or(0);
     format!("{value:.decimals$}")
 }
 
@@ -205,10 +208,12 @@ pub fn quantity_words(quantity: &AlarmQuantity) -> String {
         AlarmQuantity::SensorFault => "Sensor fault (0 or 1)".to_owned(),
         AlarmQuantity::StaleS => "Time without a record (s)".to_owned(),
         AlarmQuantity::Indicator(name) => indicator_words(name),
-        AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => "Change of the wear depth (µm a day)".to_owned(),
-        AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty a day".to_owned(),
+        AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => {
+            "Change of the wear depth (µm per day)".to_owned()
+        }
+        AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty per day".to_owned(),
         AlarmQuantity::RatePerDay(RatedQuantity::Indicator(name)) => {
-            format!("Change a day: {}", indicator_words(name))
+            format!("Change per day: {}", indicator_words(name))
         }
     }
 }
@@ -261,6 +266,14 @@ mod tests {
             by: by.to_owned(),
             comment: String::new(),
         }
+    }
+
+    #[test]
+    fn a_reading_has_four_significant_digits() {
+        let words = [3e-5, 0.0, 412.25, -51234.5, 3e-12, 2.5e9].map(reading_words);
+        assert_eq!(words, ["0.00003000", "0.000", "412.2", "-51234", "3.000e-12", "2.500e9"]);
+        let rate = AlarmQuantity::RatePerDay(RatedQuantity::Indicator("rms".to_owned()));
+        assert_eq!(quantity_words(&rate), "Change per day: RMS");
     }
 
     #[test]

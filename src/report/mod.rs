@@ -19,7 +19,7 @@ use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
 pub use cover::{Contents, Cover, Form};
-pub use events::{ReportedAlarm, quantity_words};
+pub use events::{ReportedAlarm, quantity_words, reading_words};
 pub use wording::INDICATORS;
 
 /// The contents of a report.

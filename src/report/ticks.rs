@@ -45,9 +45,11 @@ pub(super) fn numbers(low: f64, high: f64, count: usize) -> Vec<Tick> {
         .find(|step| *step >= rough)
         .unwrap_or(10.0 * power);
     let decimals = (-step.log10().floor()).max(0.0) as usize;
+    let greatest = low.abs().max(high.abs());
+    let digits = (greatest.log10().floor() - step.log10().floor()).max(0.0) as usize;
     let label = |at: f64| {
         let at = if at == 0.0 { 0.0 } else { at };
-        if step < 1e-4 || high.abs() >= 1e6 { format!("{at:.1e}") } else { format!("{at:.decimals$}") }
+        if step < 1e-4 || greatest >= 1e6 { format!("{at:.digits$e}") } else { format!("{at:.decimals$}") }
     };
     positions(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
 }
@@ -92,6 +94,9 @@ mod tests {
         assert_eq!(labels(&numbers(0.0, 243.0, 5)), ["0", "50", "100", "150", "200"]);
         assert_eq!(labels(&numbers(-0.13, 0.11, 4)), ["-0.1", "0.0", "0.1"]);
         assert!(numbers(1.0, 1.0, 5).is_empty());
+        // Small steps and large numbers have as many digits as tell them apart.
+        assert_eq!(labels(&numbers(0.0123, 0.0124, 4)), ["1.230e-2", "1.235e-2", "1.240e-2"]);
+        assert_eq!(labels(&numbers(-4e6, 0.0, 4)), ["-4e6", "-3e6", "-2e6", "-1e6", "0e0"]);
     }
 
     #[test]
