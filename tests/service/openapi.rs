@@ -49,6 +49,55 @@ fn every_field_parameter_and_operation_is_documented() {
 }
 
 #[test]
+fn uploads_and_errors_are_described_as_they_are() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let document = description(&service);
+    let refused = service.post("/v1/assets/pump/segments", "text/plain", b"").expect_problem(415, &[]);
+    let accepted =
+        refused["detail"].as_str().unwrap().split_once("expected ").unwrap().1.replace(" or ", ", ");
+    let described = &document["paths"]["/v1/assets/{asset}/segments"]["post"]["requestBody"]["content"];
+    let mut described: Vec<&str> = described.as_object().unwrap().keys().map(String::as_str).collect();
+    let mut accepted: Vec<&str> = accepted.split(", ").collect();
+    described.sort_unstable();
+    accepted.sort_unstable();
+    assert_eq!(described, accepted);
+    let text = document["info"]["description"].as_str().unwrap();
+    assert!(text.contains("Only 429, 502, 503, 504 and 507"), "{text}");
+    let operations = document["paths"].as_object().unwrap().values();
+    let operations = operations.flat_map(|methods| methods.as_object().unwrap().values());
+    let tags: std::collections::BTreeSet<&str> =
+        operations.flat_map(|one| one["tags"].as_array().unwrap()).map(|tag| tag.as_str().unwrap()).collect();
+    assert!(tags.contains("records") && !tags.contains("segments"), "{tags:?}");
+}
+
+#[test]
+fn the_lists_that_take_a_cursor_are_those_of_the_documentation() {
+    let service = Service::start();
+    let paths = description(&service)["paths"].clone();
+    let mut paged: Vec<&str> = Vec::new();
+    for (path, methods) in paths.as_object().unwrap() {
+        let parameters = methods["get"]["parameters"].as_array().into_iter().flatten();
+        let names: Vec<&str> = parameters.filter_map(|parameter| parameter["name"].as_str()).collect();
+        if names.contains(&"limit") && names.contains(&"cursor") {
+            paged.push(path);
+        }
+    }
+    paged.sort_unstable();
+    // "Those of alarms, assets, libraries, maintenance events, records, replays and tokens"
+    let expected = [
+        "/v1/alarms",
+        "/v1/assets",
+        "/v1/assets/{asset}/maintenance",
+        "/v1/assets/{asset}/segments",
+        "/v1/libraries",
+        "/v1/replays",
+        "/v1/tokens",
+    ];
+    assert_eq!(paged, expected);
+}
+
+#[test]
 fn the_openapi_page_loads_nothing_from_other_hosts() {
     let service = Service::start();
     let page = service.get("/docs").expect(200);

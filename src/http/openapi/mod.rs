@@ -28,8 +28,8 @@ const SCRIPT: &str = include_str!("docs.js");
 /// The description of the API as a whole.
 const DESCRIPTION: &str = "Takes vibration records; returns condition indicators and wear depth with its interval. Times are RFC 3339 in UTC; a record's \
     time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, and spectrum amplitudes are peak amplitudes. \
-    Lists are paged by `cursor`. Errors are RFC 9457 problems that name the field, its value and what was expected. Only 429, 502, 503 \
-    and 504 are worth retrying, after the time in `Retry-After`.";
+    Lists that can be long are paged by `cursor`. Errors are RFC 9457 problems that name the field, its value and what was expected. \
+    Only 429, 502, 503, 504 and 507 are worth retrying, after the time in `Retry-After`.";
 
 /// What the parameters in paths are.
 const IN_PATH: [(&str, &str); 9] = [

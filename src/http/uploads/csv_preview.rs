@@ -103,7 +103,7 @@ enum CsvRateSource {
 #[utoipa::path(
     post,
     path = "/v1/csv-preview",
-    tag = "segments",
+    tag = "records",
     params(CsvParameters),
     request_body(content_type = "text/csv", content = String),
     responses((status = 200, body = CsvPreviewView)),

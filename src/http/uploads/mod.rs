@@ -42,12 +42,12 @@ pub(super) enum TakenRecord {
     /// The stored segment.
     Stored(Box<Segment>),
     /// The accepted record, if it is analysed after the response: the segment will have this `id`.
-    Queued(Box<HandedOver>),
+    Queued(Box<QueuedSegment>),
 }
 
 /// A record that is accepted and will be analysed.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct HandedOver {
+pub(super) struct QueuedSegment {
     /// `queued`.
     state: &'static str,
     #[serde(flatten)]
@@ -59,7 +59,7 @@ impl From<Accepted> for TakenRecord {
         match accepted {
             Accepted::Stored(segment) | Accepted::Repeated(segment) => Self::Stored(segment),
             Accepted::Queued(record) => {
-                Self::Queued(Box::new(HandedOver { state: "queued", record: *record }))
+                Self::Queued(Box::new(QueuedSegment { state: "queued", record: *record }))
             }
         }
     }
@@ -110,8 +110,10 @@ pub(super) struct RecordingAnswer {
     request_body(
         content(
             (Vec<u8> = "audio/wav"),
+            (Vec<u8> = "audio/flac"),
             (String = "text/csv"),
             (Vec<u8> = "application/x-matlab-data"),
+            (Vec<u8> = "application/x-npy"),
             (JsonBlock = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/mcap"),

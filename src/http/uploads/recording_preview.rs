@@ -79,7 +79,7 @@ struct RecordedChannel {
 #[utoipa::path(
     post,
     path = "/v1/recording-preview",
-    tag = "segments",
+    tag = "records",
     params(RecordingParameters),
     request_body(content(
         (Vec<u8> = "application/x-matlab-data"),
