@@ -316,6 +316,10 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     assert_eq!(refused("pump/stream?sample=f64&sample_rate_hz=1000"), 422);
     assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=0"), 422);
     assert_eq!(refused(&format!("pump/stream?{FORMAT}&name=../up")), 422);
+    let body = vec![0; 1001];
+    service
+        .post(&format!("/v1/assets/pump/stream?{FORMAT}&name=posted"), "application/octet-stream", &body)
+        .expect_problem(422, &["1001 bytes, expected a multiple of 4 (one sample of each of 2 channels)"]);
     // 2 s of 256 channels at 1 MHz are too large for a record.
     assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000000&channels=256"), 422);
     let mut first = open(&service, "&first_index=0");

@@ -11,7 +11,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
-use axum::http::{HeaderMap, Method};
+use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use bytes::{Bytes, BytesMut};
 use jiff::Timestamp;
@@ -248,6 +248,8 @@ pub(super) async fn send(
     let mut body = BodyChunks {
         source: BodySource::endless(body, &app.limits),
         frame_bytes: sender.format().frame_bytes(),
+        channels: sender.format().channels(),
+        received: 0,
         rest: BytesMut::new(),
     };
     let mut first = params.first_index.or(sender.next()).unwrap_or(0);
@@ -282,6 +284,9 @@ fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {
 struct BodyChunks {
     source: BodySource,
     frame_bytes: usize,
+    channels: usize,
+    /// Number of bytes received.
+    received: u64,
     /// Bytes received but not returned yet.
     rest: BytesMut,
 }
@@ -291,11 +296,11 @@ impl BodyChunks {
     async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         while self.rest.len() < self.frame_bytes {
             match self.source.next().await? {
-                Some(piece) => self.rest.extend_from_slice(&piece),
+                Some(piece) => self.take(&piece),
                 None if self.rest.is_empty() => return Ok(None),
                 None => {
-                    let expected = "a multiple of the frame size, one sample of every channel";
-                    return Err(Problem::content("the body's length", "not whole", expected));
+                    let detail = incomplete_frame(self.received, self.frame_bytes, self.channels);
+                    return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, detail));
                 }
             }
         }
@@ -303,11 +308,25 @@ impl BodyChunks {
         while self.rest.len() < CHUNK_BYTES
             && let Some(piece) = self.source.next_now().await?
         {
-            self.rest.extend_from_slice(&piece);
+            self.take(&piece);
         }
         let whole = self.rest.len() / self.frame_bytes * self.frame_bytes;
         Ok(Some(self.rest.split_to(whole).freeze()))
     }
+
+    fn take(&mut self, piece: &[u8]) {
+        self.received += piece.len() as u64;
+        self.rest.extend_from_slice(piece);
+    }
+}
+
+fn incomplete_frame(received: u64, frame_bytes: usize, channels: usize) -> String {
+    let frame = if channels == 1 {
+        "one sample".to_owned()
+    } else {
+        format!("one sample of each of {channels} channels")
+    };
+    format!("the body has {received} bytes, expected a multiple of {frame_bytes} ({frame})")
 }
 
 /// List the live streams of an asset
