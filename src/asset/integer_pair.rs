@@ -20,24 +20,26 @@ pub(super) fn other_teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 
 /// `gear.shaft_ratio`, optional.
 pub(super) fn shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
-    let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers.map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers)).transpose()
+    ratio("gear.shaft_ratio", deserializer)
 }
 
 /// `shaft_ratio` of other meshes, optional.
 pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[u32; 2]>, D::Error> {
-    let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers.map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers)).transpose()
+    ratio("gear.other_meshes.shaft_ratio", deserializer)
 }
 
 /// `shaft_ratio` of bearings, optional.
 pub(super) fn bearing_shaft_ratio<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[u32; 2]>, D::Error> {
+    ratio("bearings.shaft_ratio", deserializer)
+}
+
+fn ratio<'de, D: Deserializer<'de>>(field: &str, deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers.map(|numbers| pair("bearings.shaft_ratio", RATIO, &numbers)).transpose()
+    numbers.map(|numbers| pair(field, RATIO, &numbers)).transpose()
 }
 
 fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 2], E> {

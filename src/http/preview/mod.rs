@@ -15,7 +15,6 @@ use super::app::App;
 use super::problem::Problem;
 use super::request::body;
 use crate::asset::{AssetError, GearSpec};
-use crate::gear::PairSpec;
 use geometry::GeometryView;
 use model::{Conditions, ModelView};
 use refusal::Refusal;
@@ -91,7 +90,8 @@ pub(super) async fn preview(
             torque_nm: request.torque_nm.unwrap_or(pair.operation.torque_nm),
             shaft_speed_hz: request.shaft_speed_hz.unwrap_or(pair.operation.shaft_speed_hz),
         };
-        let max_wear_um = max_wear_um(pair);
+        // The maximum depth of a preview is that of a library's grid.
+        let max_wear_um = pair.usual_wear_um();
         if !(0.0..=max_wear_um).contains(&conditions.wear_um) && assessment.pair.is_some() {
             refusals.push(Refusal::of_field(
                 "wear_um",
@@ -113,11 +113,6 @@ pub(super) async fn preview(
         }
     });
     Ok(Json(answer.await?))
-}
-
-/// Maximum wear depth in µm of a preview: that of a library's grid.
-fn max_wear_um(pair: &PairSpec) -> f64 {
-    pair.usual_wear_um()
 }
 
 /// Reasons to refuse an asset with this mesh, besides the pair's own numbers.

@@ -133,7 +133,7 @@ pub(crate) async fn options(State(app): State<App>) -> Response {
         (HeaderName::from_static("tus-extension"), "creation,termination,expiration".to_string()),
         (HeaderName::from_static("tus-max-size"), app.limits.recording_bytes.to_string()),
     ];
-    (StatusCode::NO_CONTENT, fields.map(|(name, value)| (name, value))).into_response()
+    (StatusCode::NO_CONTENT, fields).into_response()
 }
 
 /// Get the offset of a resumable upload
