@@ -66,13 +66,13 @@ impl Alarms {
             return Ok(());
         };
         let channels = store.channels(&asset.spec.id).await?;
-        let speakers = JointWear::speakers(&asset, &channels);
-        let [first, _, ..] = speakers[..] else { return Ok(()) };
+        let channels = JointWear::contributing_channels(&asset, &channels);
+        let [first, _, ..] = channels[..] else { return Ok(()) };
         // Readings from before a change of the gear, sensor or baseline do not count.
         let events = store.maintenance(&asset.spec.id).await?;
         let begun = events.iter().rfind(|event| event.kind != MaintenanceKind::Inspected);
         let count = rule.settings.raise_of.max(rule.settings.clear_of);
-        let readings = JointWear::novelty(store, &speakers, begun.map(|event| event.time), count).await?;
+        let readings = JointWear::novelty(store, &channels, begun.map(|event| event.time), count).await?;
         let Some(value) = readings.last().and_then(|reading| reading.value) else {
             return Ok(());
         };

@@ -20,34 +20,37 @@ pub struct JointWear {
 
 impl JointWear {
     /// The channels that contribute to an asset's estimate: only the one named by its description, else all.
-    pub fn speakers<'a>(asset: &Asset, channels: &'a [ChannelSummary]) -> Vec<&'a ChannelSummary> {
+    pub fn contributing_channels<'a>(
+        asset: &Asset,
+        channels: &'a [ChannelSummary],
+    ) -> Vec<&'a ChannelSummary> {
         let named = asset.spec.sensor.channel.as_deref();
         let named = named.and_then(|name| channels.iter().find(|channel| channel.channel == name));
         named.map_or_else(|| channels.iter().collect(), |named| vec![named])
     }
 
     /// Computes the joint estimate of these channels; returns `None` without records.
-    pub async fn of(store: &Store, speakers: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
-        let mut latest = Vec::with_capacity(speakers.len());
-        for channel in speakers {
+    pub async fn of(store: &Store, channels: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
+        let mut latest = Vec::with_capacity(channels.len());
+        for channel in channels {
             if let Some(segment) = store.latest_counted(channel).await? {
                 latest.push((*channel, segment));
             }
         }
         let times = latest.iter().map(|(channel, segment)| times_of(channel, segment));
         let mut is_silent = RecordTimes::silent(&times.collect::<Vec<_>>()).into_iter();
-        let (silent, mut speaking): (Vec<_>, Vec<_>) =
+        let (silent, mut contributing): (Vec<_>, Vec<_>) =
             latest.into_iter().partition(|_| is_silent.next().unwrap_or(false));
         let estimates: Vec<(&str, &WearEstimate)> =
-            speaking.iter().map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
+            contributing.iter().map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
         let Some(mut joint) = JointEstimate::of(&estimates) else {
             return Ok(None);
         };
         for (channel, segment) in &silent {
             joint.add_silent_channel(&channel.channel, &segment.wear, segment.start_time);
         }
-        let (leading, segment) = speaking.swap_remove(joint.leading);
-        let contributions = if speakers.len() > 1 { joint.channels } else { Vec::new() };
+        let (leading, segment) = contributing.swap_remove(joint.leading);
+        let contributions = if channels.len() > 1 { joint.channels } else { Vec::new() };
         Ok(Some(Self { leading: leading.clone(), segment, wear: joint.wear, contributions }))
     }
 
@@ -56,12 +59,12 @@ impl JointWear {
     /// on.
     pub(super) async fn novelty(
         store: &Store,
-        speakers: &[&ChannelSummary],
+        channels: &[&ChannelSummary],
         from: Option<Timestamp>,
         count: u32,
     ) -> Result<Vec<AlarmReading>, StoreError> {
-        let mut latest = Vec::with_capacity(speakers.len());
-        for channel in speakers {
+        let mut latest = Vec::with_capacity(channels.len());
+        for channel in channels {
             let name = Some(channel.channel.clone());
             let filter =
                 SegmentFilter { channel: name, from, order: Order::Desc, ..SegmentFilter::default() };

@@ -86,13 +86,13 @@ pub(crate) async fn list(
     let after = query::place_cursor(params.cursor.as_deref())?;
     let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
-    tokens.sort_by(|a, b| place(a).cmp(&place(b)));
-    tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| place(token) > (*time, id.as_str())));
+    tokens.sort_by(|a, b| sort_key(a).cmp(&sort_key(b)));
+    tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| sort_key(token) > (*time, id.as_str())));
     let page = Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id));
     Ok(Json(page.map(|token| TokenView::from(&token))))
 }
 
-fn place(token: &Token) -> (Timestamp, &str) {
+fn sort_key(token: &Token) -> (Timestamp, &str) {
     (token.created_at, &token.id)
 }
 
@@ -116,10 +116,10 @@ pub(crate) async fn create(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let place = app.access.managed_tokens()?;
+    let tokens = app.access.managed_tokens()?;
     let TokenRequest { name, scope } = body::described(&app.limits, &headers, body).await?;
     check_name("name", &name)?;
-    let known = place.list().await.map_err(|error| unreadable(&error))?;
+    let known = tokens.list().await.map_err(|error| unreadable(&error))?;
     match &known {
         None if scope != Scope::Admin => {
             let expected = "admin for the first token: afterwards only an admin token can create others";
@@ -132,16 +132,16 @@ pub(crate) async fn create(
                 "a token is required: the first one was just created",
             ));
         }
-        Some(tokens) if tokens.len() >= MAX_TOKENS => {
+        Some(known) if known.len() >= MAX_TOKENS => {
             let detail = format!(
                 "there are {} tokens, expected fewer than {MAX_TOKENS}: revoke some first",
-                tokens.len()
+                known.len()
             );
             return Err(Problem::new(StatusCode::CONFLICT, detail));
         }
         _ => {}
     }
-    let issued = place.issue(&name, scope, app.service.now()).await;
+    let issued = tokens.issue(&name, scope, app.service.now()).await;
     let (token, stored) = issued.map_err(|error| unreadable(&error))?;
     tracing::info!(token = stored.id, scope = scope.name(), by = by(caller.as_deref()), "created token");
     let answer = NewToken { stored: TokenView::from(&stored), token };
@@ -166,8 +166,8 @@ pub(crate) async fn revoke(
     caller: Option<Extension<Caller>>,
     NameInPath(id): NameInPath,
 ) -> Result<StatusCode, Problem> {
-    let place = app.access.managed_tokens()?;
-    let known = place.list().await.map_err(|error| unreadable(&error))?;
+    let tokens = app.access.managed_tokens()?;
+    let known = tokens.list().await.map_err(|error| unreadable(&error))?;
     let known = known.unwrap_or_default();
     let unknown = || Problem::not_found(format!("token {id:?} not found"));
     let found = known.iter().find(|token| token.id == id).ok_or_else(unknown)?;
@@ -178,7 +178,7 @@ pub(crate) async fn revoke(
         );
         return Err(Problem::new(StatusCode::CONFLICT, detail));
     }
-    match place.revoke(&id, app.service.now()).await {
+    match tokens.revoke(&id, app.service.now()).await {
         Ok(()) => {}
         Err(TokenError::Unknown(_)) => return Err(unknown()),
         Err(error) => return Err(unreadable(&error)),

@@ -256,7 +256,7 @@ pub(super) async fn remove(
 /// Fields of a response that are not part of the description.
 const ANSWERED: [&str; 3] = ["created_at", "updated_at", "summary"];
 
-/// Reads the description in a body; fields with the names in `ignored` are dropped.
+/// Reads the description in a body; fields with the names in `left_out` are dropped.
 async fn description(
     app: &App,
     headers: &HeaderMap,
@@ -307,7 +307,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let channels = store.channels(&asset.spec.id).await?;
     let (library_id, simulation) = app.service.simulations.of(&asset.spec);
     let library_state = simulation.readiness.name();
-    let joint = JointWear::of(store, &JointWear::speakers(asset, &channels)).await?;
+    let joint = JointWear::of(store, &JointWear::contributing_channels(asset, &channels)).await?;
     let (mut wear, mut wear_channel, mut wear_channels) = (None, None, Vec::new());
     let mut recent_wear_um = Vec::new();
     if let Some(joint) = joint {

@@ -96,7 +96,7 @@ pub(crate) struct FlankView {
 /// line from the gear's centre, y half of the unworn thickness. The depth is along y.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct FlankRow {
-    /// Tooth numbers, driving and driven.
+    /// Tooth number.
     teeth: u32,
     /// Root radius in mm.
     root_radius_mm: f64,

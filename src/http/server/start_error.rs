@@ -33,8 +33,8 @@ pub enum StartError {
     },
     /// Anyone could access everything from other machines.
     #[error(
-        "listening on {0} needs tokens, and there are none: make one with `flankwatch token create`, listen on 127.0.0.1, or say \
-         --insecure-no-tokens where everyone who reaches the address may do everything"
+        "listening on {0} needs tokens, and there are none: create one with `flankwatch token create`, listen on 127.0.0.1, or pass \
+         --insecure-no-tokens if everyone who can reach this address may do everything"
     )]
     NoTokens(SocketAddr),
     /// The tokens cannot be read.

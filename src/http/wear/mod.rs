@@ -72,17 +72,17 @@ pub(super) async fn latest(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
-    let channels = app.service.store.channels(&id).await?;
-    let speakers = match params.channel.as_deref() {
-        Some(requested) => vec![assets::channel_named(&id, &channels, requested)?],
-        None => JointWear::speakers(&asset, &channels),
+    let known = app.service.store.channels(&id).await?;
+    let channels = match params.channel.as_deref() {
+        Some(requested) => vec![assets::channel_named(&id, &known, requested)?],
+        None => JointWear::contributing_channels(&asset, &known),
     };
-    let tag = etag::of_channels(&asset, &speakers, &uri, &headers);
+    let tag = etag::of_channels(&asset, &channels, &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
     let limits = asset.spec.limits;
-    let view = match JointWear::of(&app.service.store, &speakers).await? {
+    let view = match JointWear::of(&app.service.store, &channels).await? {
         Some(joint) => WearView {
             asset_id: id,
             channel: Some(joint.leading.channel),
@@ -95,7 +95,7 @@ pub(super) async fn latest(
         },
         None => WearView {
             asset_id: id,
-            channel: speakers.first().map(|channel| channel.channel.clone()),
+            channel: channels.first().map(|channel| channel.channel.clone()),
             channels: Vec::new(),
             segment_id: None,
             start_time: None,
