@@ -110,7 +110,7 @@ fn forecast_words(forecast: &Prognosis) -> String {
         _ => 2,
     };
     format!(
-        "{limit_um} µm around {}, {interval}, at {rate_um_per_day:.decimals$} µm a day of running time",
+        "{limit_um} µm around {}, {interval}, at {rate_um_per_day:.decimals$} µm per day of running time",
         day(median)
     )
 }
@@ -350,10 +350,11 @@ pub(super) mod tests {
             html(&Report { records: vec![record(wear.clone())], ..Report::default() })
         };
         let between = "Forecast</dt><dd>120 µm around 2026-05-20, between 2026-05-02 and 2026-07-01 with 90 % probability, \
-                       at 1.25 µm a day of running time</dd>";
+                       at 1.25 µm per day of running time</dd>";
         assert!(page(&forecast).contains(between), "{}", page(&forecast));
         forecast.p95 = None;
-        let open = "120 µm around 2026-05-20, not before 2026-05-02 with 95 % probability, at 1.25 µm a day";
+        let open =
+            "120 µm around 2026-05-20, not before 2026-05-02 with 95 % probability, at 1.25 µm per day";
         assert!(page(&forecast).contains(open), "{}", page(&forecast));
         forecast.p05 = day("2026-05-20T10:30:00Z");
         let soon =

@@ -123,6 +123,7 @@ fn a_public_address_requires_tokens() {
     for address in ["0.0.0.0:0", "[::]:0"] {
         let error = start_on(address, |_| {}).unwrap_err();
         assert!(matches!(error, StartError::NoTokens(_)), "{error}");
+        assert!(error.to_string().contains("create one with `flankwatch token create`"), "{error}");
     }
     start_on("127.0.0.1:0", |_| {}).unwrap();
     start_on("0.0.0.0:0", |config| config.insecure_no_tokens = true).unwrap();
