@@ -141,6 +141,43 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "records that arrive meanwhile are counted, and not deleted unasked": async (name) => {
+    const id = await createAsset("arriving", {});
+    const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));
+    const start = (n) => new Date(Date.UTC(2026, 2, 1, 8, 0, n)).toISOString();
+    const send = (from, to) =>
+      Promise.all(
+        Array.from({ length: to - from }, (_, k) => sendRecord(id, { start_time: start(from + k), samples })),
+      );
+    for (let n = 0; n < 105; n += 35) await send(n, n + 35);
+    const opened = await open(`#/assets/${id}/records?order=asc`);
+    const { page } = opened;
+    await settled(page, "1 to 100 of 105 records");
+    await send(105, 110); // the first page stays the same
+    await settled(page, "1 to 100 of 110 records");
+    await page.getByRole("button", { name: "Next page" }).dblclick();
+    await settled(page, "101 to 110 of 110 records");
+    await page.goBack();
+    await settled(page, "1 to 100 of 110 records");
+    await page.goForward();
+    await settled(page, "101 to 110 of 110 records");
+    await page.getByRole("button", { name: "Previous page" }).click();
+    await settled(page, "1 to 100 of 110 records");
+    await page.getByRole("button", { name: "Select all 110" }).click();
+    const asked = [];
+    page.on("dialog", async (dialog) => {
+      asked.push(dialog.message());
+      await send(110, 113);
+      await dialog.accept();
+    });
+    await page.getByRole("button", { name: "Delete…" }).click();
+    await page.getByText("110 records deleted.").waitFor();
+    assert.match(asked[0], /^Delete all 110 records that match\?/);
+    await settled(page, "1 to 3 of 3 records");
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "selected records are excluded, included and deleted": async (name) => {
     const id = await recorded(12);
     const opened = await open(`#/assets/${id}/records`);

@@ -33,6 +33,7 @@ export class RecordActions {
     onsubmit: (event) => this.#takeBaseline(event),
   });
   #baselineWords = h("p");
+  #stretch; // the records that the open form asks about
   #result = h("p", { class: "result", role: "status" });
   element;
 
@@ -88,16 +89,19 @@ export class RecordActions {
     }
   }
 
-  /** The selection as request parameters: lists of ids, or one range. */
+  /** The number of selected records, and request parameters for them: lists of ids, or one range. */
   async #targets() {
     const { ids, all } = this.#selection();
-    if (!all) return chunks(ids).map((some) => ({ ids: some.join(",") }));
-    if (all.status) return chunks(await this.#identifiers(all)).map((some) => ({ ids: some.join(",") }));
+    if (!all || all.status) {
+      const chosen = all ? await this.#identifiers(all) : ids;
+      return { found: chosen.length, parts: chunks(chosen).map((some) => ({ ids: some.join(",") })) };
+    }
     const { channel, from, to } = all;
     const known = await api.recordCount(this.#id, { channel, from, to });
-    if (!known.records) return [];
+    if (!known.records) return { found: 0, parts: [] };
     // a fixed end, so that records arriving meanwhile are not affected
-    return [{ channel, from: known.first_start_time, to: after(known.last_start_time) }];
+    const range = { channel, from: known.first_start_time, to: after(known.last_start_time) };
+    return { found: known.records, parts: [range] };
   }
 
   async #identifiers(parameters) {
@@ -111,17 +115,25 @@ export class RecordActions {
     return found;
   }
 
-  async #each(act, gone = false) {
+  /** Acts on the selected records if `agree(found)`; returns the number changed, or null. */
+  async #each(act, { gone = false, agree = (_found) => true } = {}) {
     this.#showStatus("", "Working…");
     let done = 0;
     try {
-      for (const target of await this.#targets()) done += await act(target);
+      const { found, parts } = await this.#targets();
+      if (!agree(found)) {
+        this.#showStatus("", "");
+        return null;
+      }
+      try {
+        for (const target of parts) done += await act(target);
+      } finally {
+        this.#onDone(gone);
+      }
       return done;
     } catch (error) {
       this.#showStatus("bad", `Action failed${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
       return null;
-    } finally {
-      this.#onDone(gone);
     }
   }
 
@@ -140,23 +152,20 @@ export class RecordActions {
   }
 
   async #delete() {
-    const { ids, all, count: matching } = this.#selection();
-    const words = all ? `all ${records(matching)} that match` : records(ids.length);
-    if (
-      !confirm(
-        `Delete ${words}? The history is then recomputed without them. Their raw recordings are moved to quarantine.`,
-      )
-    )
-      return;
-    const done = await this.#each(
-      async (target) => (await api.deleteRecords(this.#id, target)).deleted,
-      true,
-    );
+    const { all } = this.#selection();
+    const agree = (found) =>
+      confirm(
+        `Delete ${all ? `all ${records(found)} that match` : records(found)}? The history is then recomputed without them. Their raw recordings are moved to quarantine.`,
+      );
+    const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted, {
+      gone: true,
+      agree,
+    });
     if (done !== null) this.#showStatus("good", `${records(done)} deleted.`);
   }
 
   /** The time range from the first to the last selected record. */
-  async #stretch() {
+  async #range() {
     const { records: selected, all } = this.#selection();
     if (all) {
       const known = await api.recordCount(this.#id, all);
@@ -178,7 +187,7 @@ export class RecordActions {
 
   async #offerBaseline() {
     try {
-      const { time, until, channels } = await this.#stretch();
+      const { time, until, channels } = await this.#range();
       const counts = await Promise.all(
         channels.map((channel) => api.recordCount(this.#id, { channel, from: time, to: until })),
       );
@@ -191,6 +200,7 @@ export class RecordActions {
         this.#baselineWords,
         `The ${records(within)} from ${clock(time)} to ${clock(until)} become the healthy baseline of every channel, except excluded ones. The previous baseline is discarded, and wear restarts at zero there.${few}`,
       );
+      this.#stretch = { time, until };
       this.#by.value ||= storedName();
       this.#baseline.hidden = false;
       this.#by.focus();
@@ -210,8 +220,7 @@ export class RecordActions {
     }
     storeName(by);
     try {
-      const { time, until } = await this.#stretch();
-      await api.addMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
+      await api.addMaintenance(this.#id, { ...this.#stretch, kind: "baseline_chosen", by, comment: "" });
       this.#baseline.hidden = true;
       this.#showStatus(
         "good",

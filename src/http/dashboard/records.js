@@ -24,10 +24,11 @@ export class RecordsPage {
   #query;
   #frame;
   #shown;
+  #known;
   #asked;
   #items = [];
   #total = 0;
-  #before = []; // the cursors of the previous pages
+  #places = new Map(); // address of a page → its number of pages before, and the cursor of the last of them
   #selected = new Map(); // id → record, across pages
   #all = false;
   #last = null; // the record clicked last, for selection with Shift
@@ -135,7 +136,6 @@ export class RecordsPage {
   /** A changed filter starts at its first page and clears the selection. */
   #filter(parameters) {
     this.#clear();
-    this.#before = [];
     change({ ...parameters, cursor: null });
   }
 
@@ -149,12 +149,25 @@ export class RecordsPage {
   }
 
   #turn() {
-    this.#before.push(this.#query.cursor ?? null);
-    change({ cursor: this.#shown.next_cursor });
+    const { cursor } = this.#query;
+    if (this.#asked !== this.#address(cursor)) return; // the page after the displayed one is already asked for
+    const { next_cursor: next } = this.#shown;
+    this.#places.set(this.#address(next), { before: this.#place(cursor).before + 1, back: cursor });
+    change({ cursor: next });
   }
 
   #turnBack() {
-    change({ cursor: this.#before.pop() ?? null });
+    change({ cursor: this.#place(this.#query.cursor).back ?? null });
+  }
+
+  /** The page at a cursor of the current listing. */
+  #address(cursor) {
+    return JSON.stringify([this.#parameters(), this.#query.order, cursor]);
+  }
+
+  /** How many pages are before a page; a link to a later page does not know. */
+  #place(cursor) {
+    return this.#places.get(this.#address(cursor)) ?? { before: cursor ? NaN : 0 };
   }
 
   /** Reacts to a changed address. */
@@ -178,9 +191,10 @@ export class RecordsPage {
       api.answer(api.recordsPage(this.#id, { ...parameters, order, cursor, limit: PAGE }, signal)),
     ]);
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    const asked = JSON.stringify([parameters, order, cursor]);
-    if (page === this.#shown && asked === this.#asked) return;
-    [this.#shown, this.#asked] = [page, asked];
+    const asked = this.#address(cursor);
+    // further records may change only the count
+    if (page === this.#shown && known === this.#known && asked === this.#asked) return;
+    [this.#shown, this.#known, this.#asked] = [page, known, asked];
     this.#frame.update(assetName(asset), this.#query, asset);
     this.#fillFilters(asset.summary.channels);
     if (page instanceof Error || known instanceof Error)
@@ -212,16 +226,17 @@ export class RecordsPage {
 
   #render() {
     const { cursor } = this.#query;
-    const first = this.#before.length * PAGE + 1;
-    const isPlaced = !cursor || this.#before.length > 0; // a link to a later page does not know its number
+    const { before } = this.#place(cursor);
+    const first = before * PAGE + 1;
     const range = this.#items.length
-      ? isPlaced
+      ? before >= 0
         ? `${count(first)} to ${count(first + this.#items.length - 1)} of `
         : `${count(this.#items.length)} of `
       : "";
     setText(this.#words, `${range}${count(this.#total)} ${this.#total === 1 ? "record" : "records"}`);
-    this.#back.disabled = this.#before.length === 0 && !cursor;
-    setText(this.#back, isPlaced ? "← Previous page" : "← First page");
+    this.#back.disabled = !cursor;
+    const isLinked = cursor && !this.#places.has(this.#address(cursor));
+    setText(this.#back, isLinked ? "← First page" : "← Previous page");
     this.#next.disabled = !this.#shown?.next_cursor;
     this.#table.hidden = this.#items.length === 0;
     this.#notice.hidden = this.#items.length > 0;
