@@ -65,6 +65,17 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "the cepstrum marks only the shaft's period": async (name) => {
+    const id = await fan();
+    const opened = await open(`#/assets/${id}?show=cepstrum`);
+    const { page } = opened;
+    await drawn(page, "cepstrum");
+    const marked = await page.locator('[data-plot="cepstrum"] .annotation-text').allTextContents();
+    assert.deepEqual(marked, ["shaft"]);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "orders that a record does not have are explained, without a request": async (name) => {
     const machine = await fan();
     const gearbox = await createAsset("few-turns");

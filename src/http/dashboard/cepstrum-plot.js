@@ -14,17 +14,13 @@ export function cepstrumDrawing(layers, revision) {
   const { quefrency_s: seconds, shaft_speed_hz: shaft, teeth } = cepstrum;
   const x = seconds.map((second) => 1000 * second);
   const periods = [];
-  if (shaft) {
-    periods.push(
-      { name: "mesh", period: 1000 / (shaft * teeth[0]) },
-      { name: "driving shaft", period: 1000 / shaft },
-    );
-    if (teeth[0] !== teeth[1])
-      periods.push({ name: "driven shaft", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
-  }
+  if (shaft && teeth) periods.push({ name: "mesh", period: 1000 / (shaft * teeth[0]) });
+  if (shaft) periods.push({ name: teeth ? "driving shaft" : "shaft", period: 1000 / shaft });
+  if (shaft && teeth && teeth[0] !== teeth[1])
+    periods.push({ name: "driven shaft", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
   const shown = periods.filter(({ period }) => period <= x.at(-1));
   // the lowest quefrencies describe the transmission path and would dwarf all others
-  const from = shaft ? 1000 / (shaft * teeth[0] * 4) : x[0];
+  const from = shaft && teeth ? 1000 / (shaft * teeth[0] * 4) : x[0];
   const heights = layers.flatMap(({ data }) =>
     data.value.filter((_, index) => 1000 * data.quefrency_s[index] >= from),
   );
@@ -48,7 +44,7 @@ export function cepstrumDrawing(layers, revision) {
     sub: shaft
       ? `A peak at one shaft period indicates sidebands spaced by the shaft speed (${hertz(shaft)}).`
       : "The shaft speed of this record is unknown, so no period is marked.",
-    summary: `Cepstrum; ${shown.map(({ name, period }) => `${name} at ${number(period)} ms`).join(", ")}.`,
+    summary: `${["Cepstrum", ...shown.map(({ name, period }) => `${name} at ${number(period)} ms`)].join(", ")}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
