@@ -212,7 +212,12 @@ export const CHECKS = {
     await fill(page, { Id: asset, "Danger (µm)": "60", "Module (mm)": "" });
     await page.getByRole("button", { name: "Create asset" }).click();
     await field(page, "Module (mm)").getByText("Module: required").waitFor();
-    await fill(page, { "Module (mm)": "1" });
+    await fill(page, { "Module (mm)": "1", "Danger (µm)": "" });
+    await page.getByLabel("Danger (µm)", { exact: true }).pressSequentially("6e");
+    await page.getByRole("button", { name: "Create asset" }).click();
+    await page.getByText("Saving failed: a field is invalid.").waitFor();
+    await field(page, "Danger (µm)").getByText("Danger: expected a number").waitFor();
+    await fill(page, { "Danger (µm)": "60" });
     await page.getByRole("button", { name: "Create asset" }).click();
     await field(page, "Id").getByText("Id: expected an unused id").waitFor();
     // the browser logs the expected error response

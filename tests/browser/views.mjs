@@ -150,6 +150,15 @@ export const CHECKS = {
     assert.equal(await page.getByLabel("Teeth, driving").first().getAttribute("aria-invalid"), "true");
     await page.getByText("Saving failed: a field is invalid.").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
+    // a malformed number is not an empty field
+    await page.getByRole("button", { name: "Undo changes" }).click();
+    const danger = page.getByLabel("Danger (µm)");
+    await danger.fill("");
+    await danger.pressSequentially("1e");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.getByText("Danger: expected a number").waitFor();
+    await page.getByText("Saving failed: a field is invalid.").waitFor();
+    assert.equal((await json(`assets/${id}`)).limits.danger_um, 120);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
   },
@@ -194,6 +203,11 @@ export const CHECKS = {
       .getByText(/^Torque from \(N·m\): expected two numbers .* the lower one first$/)
       .waitFor();
     assert.ok(await rule.getByText("Danger above: expected").isHidden(), "the mended error is gone");
+    await page.locator(".setting-row").last().getByLabel("up to").last().fill("120");
+    await rule.getByLabel("Danger above").fill("");
+    await rule.getByLabel("Danger above").pressSequentially("-");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await rule.getByText("Danger above: expected a number").waitFor();
     await shoot(page, name);
     await page.context().close();
     await removeAsset(id);

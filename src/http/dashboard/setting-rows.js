@@ -90,11 +90,7 @@ export class Rows {
         column >= 0 &&
         JSON.stringify(valueAt(this.#read(row.inputs.map((field) => field.value)), path) ?? null) === refused,
     );
-    for (const { inputs, error } of rows) {
-      inputs[column].setAttribute("aria-invalid", "true");
-      error.hidden = false;
-      setText(error, `${this.#columns[column].label}: ${words}`);
-    }
+    for (const row of rows) this.#mark(row, column, words);
     this.#error.hidden = rows.length > 0;
     setText(this.#error, rows.length ? "" : `${this.#name[0].toUpperCase()}${this.#name.slice(1)}: ${words}`);
     return (
@@ -102,6 +98,21 @@ export class Rows {
       this.#list.querySelector("input, select") ??
       this.element.querySelector("button")
     );
+  }
+
+  /** Shows an error at number fields that contain something else; returns the first of them. */
+  failBroken() {
+    const broken = [...this.#list.children].flatMap((row) =>
+      row.inputs.flatMap((input, column) => (input.validity.badInput ? [{ row, input, column }] : [])),
+    );
+    for (const { row, column } of broken) this.#mark(row, column, "expected a number");
+    return broken[0]?.input;
+  }
+
+  #mark({ inputs, error }, column, words) {
+    inputs[column].setAttribute("aria-invalid", "true");
+    error.hidden = false;
+    setText(error, `${this.#columns[column].label}: ${words}`);
   }
 
   clearErrors() {

@@ -206,6 +206,13 @@ export class SettingLists {
     return rows ? rows.fail(path.join("."), value, expected) : null;
   }
 
+  /** Shows an error at number fields that contain something else; returns the first of them. */
+  failBroken() {
+    const rules = this.#own.checked ? this.#rules.failBroken() : undefined;
+    const bins = this.#bins.failBroken();
+    return rules ?? bins;
+  }
+
   clearErrors() {
     for (const rows of [this.#rules, this.#bins]) rows.clearErrors();
   }

@@ -169,6 +169,8 @@ export class SettingsPage {
   async #submit(event) {
     event.preventDefault();
     this.#clearErrors();
+    const broken = this.#failBroken();
+    if (broken) return this.#invalid(broken);
     this.#save.disabled = true;
     try {
       this.#asset = await api.replaceAsset(this.#id, this.#description());
@@ -201,17 +203,29 @@ export class SettingsPage {
           path.startsWith(`${name}.`) ||
           path.startsWith(`gear.pair.${name}`)),
     );
-    for (const [, { field, input, error: shown }] of own) {
-      input.setAttribute("aria-invalid", "true");
-      shown.hidden = false;
-      setText(shown, `${field.label}: expected ${expected}`);
-    }
+    for (const [, made] of own) this.#mark(made, expected);
     const first = own[0]?.[1].input ?? (name ? this.#lists.fail(error.problem) : null);
-    first?.focus();
-    this.#showNotice(
-      "bad",
-      first ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`,
-    );
+    if (first) return this.#invalid(first);
+    this.#showNotice("bad", `Saving failed: ${error.message}.`);
+  }
+
+  /** Shows an error at number fields that contain something else; returns the first of them. */
+  #failBroken() {
+    const broken = [...this.#inputs.values()].filter(({ input }) => input.validity.badInput);
+    for (const made of broken) this.#mark(made, "a number");
+    const listed = this.#lists.failBroken();
+    return broken[0]?.input ?? listed;
+  }
+
+  #mark({ field, input, error }, expected) {
+    input.setAttribute("aria-invalid", "true");
+    error.hidden = false;
+    setText(error, `${field.label}: expected ${expected}`);
+  }
+
+  #invalid(input) {
+    input.focus();
+    this.#showNotice("bad", "Saving failed: a field is invalid.");
   }
 
   #showNotice(kind, words) {

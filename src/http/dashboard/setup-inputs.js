@@ -219,6 +219,11 @@ export class SetupInputs {
       .map(({ field }) => field);
   }
 
+  /** Whether a number field contains something that is not a number. */
+  isBroken(shape) {
+    return [...this.#inputs.values()].some(({ field, isBroken }) => isBroken && belongs(field, shape));
+  }
+
   /** Errors for empty fields that must be set together with others. */
   incomplete(shape) {
     const own = [...this.#inputs.values()].filter(

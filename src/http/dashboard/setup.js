@@ -321,6 +321,13 @@ export class SetupPage {
       this.#showNotice("bad", spec ? requiredWords(lacking) : "The JSON is invalid.");
       return this.#inputs.focusError();
     }
+    const listed = this.#rules.failBroken();
+    if (listed || this.#inputs.isBroken(this.#pair.shape)) {
+      this.#showNotice("bad", "Saving failed: a field is invalid.");
+      if (listed) listed.closest("details").open = true;
+      listed?.focus();
+      return this.#inputs.focusError();
+    }
     this.#save.disabled = true;
     try {
       const { id } = this.#query.edit
