@@ -71,6 +71,34 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "a suggestion that arrives late does not change another rule": async (name) => {
+    const id = await heard({ alarms: [RULE] });
+    const opened = await open(`#/assets/${id}?trend=rms,kurtosis`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    await page.getByRole("button", { name: "Alarm levels…" }).click();
+    let release;
+    const held = new Promise((resolve) => (release = resolve));
+    await page.route(/indicators\/baseline\?.*names=rms/, async (route) => {
+      await held;
+      await route.continue();
+    });
+    const asked = page.waitForRequest(/indicators\/baseline\?.*names=rms/);
+    await page.getByRole("button", { name: "Suggest from baseline" }).click();
+    await asked;
+    await page.locator(".plot-trends").getByLabel("Alarm on").selectOption("kurtosis");
+    await trial(page, "No level is set");
+    const answered = page.waitForResponse(/indicators\/baseline\?.*names=rms/);
+    release();
+    await (await answered).finished();
+    await page.waitForTimeout(300);
+    for (const level of ["Warning above", "Danger above"])
+      assert.equal(await page.locator(".plot-trends").getByLabel(level, { exact: true }).inputValue(), "");
+    await trial(page, "No level is set");
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "a level of the wear depth is dragged on its plot and tried": async (name) => {
     const before = (await json(`assets/${asset}`)).summary.alarm_rules;
     const { warning } = before.find(({ quantity }) => quantity === "wear_um");

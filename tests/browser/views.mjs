@@ -163,6 +163,45 @@ export const CHECKS = {
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
   },
 
+  "a description that has changed since the page was opened is not overwritten": async (name) => {
+    const id = await createAsset("shared", {});
+    for (const [path, button] of [
+      [`#/assets/${id}/settings`, "Save"],
+      [`#/new?edit=${id}`, "Save asset"],
+    ]) {
+      const { page, faults } = await open(path);
+      const field = page.getByLabel("Name", { exact: true });
+      await page.waitForFunction(() => document.querySelector("#setting-baseline-records, #setup-id")?.value);
+      const changed = { ...(await json(`assets/${id}`)), name: `Of another window, ${button}` };
+      await fetch(`${base}/v1/assets/${id}`, {
+        method: "PUT",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify(changed),
+      });
+      await field.fill("Of this window");
+      await page.getByRole("button", { name: button, exact: true }).click();
+      await page.getByText("Saving failed: the asset has been changed since this page was opened").waitFor();
+      assert.equal((await json(`assets/${id}`)).name, changed.name);
+      await page.reload();
+      await page.waitForFunction(
+        (was) => document.querySelector("#setting-name, #setup-name")?.value === was,
+        changed.name,
+      );
+      await field.fill("Of this window");
+      await page.getByRole("button", { name: button, exact: true }).click();
+      for (const until = Date.now() + 20_000; Date.now() < until; await page.waitForTimeout(50))
+        if ((await json(`assets/${id}`)).name === "Of this window") break;
+      assert.equal((await json(`assets/${id}`)).name, "Of this window");
+      assert.ok(
+        faults.every((fault) => fault.includes("412")),
+        `${faults}`,
+      );
+      await shoot(page, `${name} ${button}`);
+      await page.context().close();
+    }
+    await removeAsset(id);
+  },
+
   "alarm rules and operating bins are set, and an invalid level is rejected": async (name) => {
     const id = await createAsset("ruled", { limits: { warning_um: 50, danger_um: 90 } });
     const opened = await open(`#/assets/${id}/settings`);

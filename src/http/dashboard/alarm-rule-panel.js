@@ -13,7 +13,6 @@ const LEVELS = [
   ["danger_below", "Danger below", "danger"],
 ];
 const TRY_AFTER_MS = 250;
-const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"];
 
 const OF_THEIR_OWN = ["novelty", "wear_um"]; // watched quantities that are not indicators
 const quantityOf = (name) => (OF_THEIR_OWN.includes(name) ? name : { indicator: name });
@@ -164,12 +163,19 @@ export class AlarmRulePanel {
     this.#tryLater();
   }
 
+  /** What the panel shows: an answer to a question about another subject is dropped. */
+  get #subject() {
+    return JSON.stringify([this.#asset.id, this.#channel, this.#name]);
+  }
+
   async #suggest() {
+    const subject = this.#subject;
     const k = Number(this.#k.value);
     if (!(k > 0))
       return this.#showStatus("bad", `The factor is ${this.#k.value || "empty"}; enter a number above 0.`);
     try {
       const known = await api.baseline(this.#asset.id, this.#channel, this.#name);
+      if (subject !== this.#subject) return;
       const { mean, standard_deviation: deviation, records } = known.items[0] ?? {};
       if (deviation == null)
         return this.#showStatus(
@@ -184,7 +190,7 @@ export class AlarmRulePanel {
         `Baseline of ${some(records, "record")}: mean ${number(mean)}, σ ${number(deviation, 3)} ${this.#unit}. Warning at mean + ${number(k)} σ, danger at mean + ${number(2 * k)} σ.`,
       );
     } catch (error) {
-      this.#showStatus("bad", `No suggestion: ${error.message}.`);
+      if (subject === this.#subject) this.#showStatus("bad", `No suggestion: ${error.message}.`);
     }
   }
 
@@ -230,21 +236,21 @@ export class AlarmRulePanel {
     if (this.levels().length === 0)
       return this.#showStatus("bad", "Enter at least one level. To remove a rule, use the settings.");
     this.#save.disabled = true;
+    const [subject, name, own] = [this.#subject, this.#name, structuredClone(this.#rule)];
     try {
-      const { id } = this.#asset;
-      const asset = await api.asset(id); // keeps what others changed meanwhile
+      const asset = await api.asset(this.#asset.id); // keeps what others changed meanwhile
       const rules = asset.alarms ?? asset.summary.alarm_rules ?? [];
-      const place = rules.findIndex((rule) => watches(rule, this.#name));
-      const alarms =
-        place < 0 ? [...rules, this.#rule] : rules.map((rule, n) => (n === place ? this.#rule : rule));
-      /** @type {any} */
-      const spec = Object.fromEntries(Object.entries(asset).filter(([name]) => !FROM_SERVER.includes(name)));
-      await api.replaceAsset(id, { ...spec, alarms });
-      this.#isChanged = false;
-      this.#showStatus("good", "Saved.");
+      const place = rules.findIndex((rule) => watches(rule, name));
+      const alarms = place < 0 ? [...rules, own] : rules.with(place, own);
+      await api.replaceAsset(asset.id, { ...asset, alarms }, asset);
       document.dispatchEvent(new CustomEvent("recordschange"));
+      if (subject !== this.#subject) return;
+      this.#isChanged = JSON.stringify(own) !== JSON.stringify(this.#rule); // edited while it was saved
+      this.#showStatus("good", "Saved.");
     } catch (error) {
-      this.#showStatus("bad", `Saving failed: ${error.message}.`);
+      const words =
+        error.status === 412 ? "the asset was changed at the same moment; save again" : error.message;
+      if (subject === this.#subject) this.#showStatus("bad", `Saving failed: ${words}.`);
     } finally {
       this.#save.disabled = false;
     }

@@ -3,7 +3,8 @@
 
 const REMEMBERED = 48;
 const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
-const memory = new Map(); // address → { etag, text, data }, most recently used last
+const memory = new Map(); // address → { text, data }, most recently used last
+const tags = new WeakMap(); // answer → its entity tag
 let logins = 0;
 
 /** An error answered by the server; `problem` is its RFC 9457 body, if any. */
@@ -93,7 +94,8 @@ async function get(segments, parameters, signal) {
   const href = address(segments, parameters);
   const known = memory.get(href);
   const headers = { accept: "application/json" };
-  if (known?.etag) headers["if-none-match"] = known.etag;
+  const etag = known && tags.get(known.data);
+  if (etag) headers["if-none-match"] = etag;
   const { response, text } = await request(href, { headers, signal, cache: "no-store" });
   if (known && (response.status === 304 || (response.ok && text === known.text))) {
     remember(href, known);
@@ -102,20 +104,39 @@ async function get(segments, parameters, signal) {
   if (!response.ok) throw failure(response.status, text);
   const data = parsed(text);
   if (data === null) throw new ApiError(response.status, { title: "the server's answer is not JSON" });
-  remember(href, { etag: response.headers.get("etag"), text, data });
+  keepTag(data, response);
+  remember(href, { text, data });
   return data;
 }
 
-async function send(method, segments, body, signal, parameters) {
-  const headers = { accept: "application/json", ...(body && { "content-type": "application/json" }) };
+function keepTag(data, response) {
+  if (data instanceof Object) tags.set(data, response.headers.get("etag"));
+}
+
+const JSON_TYPE = "application/json";
+
+/**
+ * Sends a body, as JSON unless it has another `type`; `known` is the answer that must still be valid.
+ * @param {{ signal?: AbortSignal, parameters?: object, type?: string, known?: object }} [options]
+ */
+async function send(method, segments, body, options = {}) {
+  const { signal, parameters, type = JSON_TYPE, known } = options;
+  const etag = known && tags.get(known);
+  const headers = {
+    accept: JSON_TYPE,
+    ...(body && { "content-type": type }),
+    ...(etag && { "if-match": etag }),
+  };
   const { response, text } = await request(address(segments, parameters), {
     method,
     headers,
     signal,
-    body: body && JSON.stringify(body),
+    body: body && type === JSON_TYPE ? JSON.stringify(body) : body,
   });
   if (!response.ok) throw failure(response.status, text);
-  return parsed(text);
+  const data = parsed(text);
+  keepTag(data, response);
+  return data;
 }
 
 /**
@@ -195,29 +216,27 @@ export const streams = (id, signal) => get(["assets", id, "streams"], {}, signal
 export const streamLevels = (id, name, from, signal) =>
   get(["assets", id, "stream", "levels"], { name, from }, signal);
 export const keepStream = (id, name, seconds) =>
-  send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
+  send("POST", ["assets", id, "stream", "keep"], undefined, { parameters: { name, seconds } });
 /** @type {(body: RequestBody<"/v1/assets", "post">) => Promise<any>} */
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
-async function postPreview(path, parameters, type, body) {
-  const headers = { accept: "application/json", "content-type": type };
-  const { response, text } = await request(address([path], parameters), { method: "POST", headers, body });
-  if (!response.ok) throw failure(response.status, text);
-  return parsed(text);
-}
 
 /** Columns of a CSV file, from the whole lines at its start. */
-export const previewCsv = (lines, parameters) => postPreview("csv-preview", parameters, "text/csv", lines);
+export const previewCsv = (lines, parameters) =>
+  send("POST", ["csv-preview"], lines, { parameters, type: "text/csv" });
 
 /** Contents of a MATLAB file, a protobuf block or the start of an MCAP recording. */
 export const previewRecording = (body, type, parameters) =>
-  postPreview("recording-preview", parameters, type, body);
+  send("POST", ["recording-preview"], body, { parameters, type });
 /** @type {(body: RequestBody<"/v1/preview", "post">, signal?: AbortSignal) => Promise<any>} */
-export const preview = (body, signal) => send("POST", ["preview"], body, signal);
+export const preview = (body, signal) => send("POST", ["preview"], body, { signal });
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
-/** @type {(id: string, body: RequestBody<"/v1/assets/{asset}", "put">) => Promise<any>} */
-export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
+/**
+ * Replaces a description, unless it has changed since the answer `known`; that is an error with status 412.
+ * @type {(id: string, body: RequestBody<"/v1/assets/{asset}", "put">, known: object) => Promise<any>}
+ */
+export const replaceAsset = (id, body, known) => send("PUT", ["assets", id], body, { known });
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/spectrum">>} */
 export const spectrum = (id, from, to, points, signal) =>
   get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
@@ -256,14 +275,14 @@ export const recordCount = (id, parameters, signal) =>
   get(["assets", id, "segments", "count"], parameters, signal);
 /** `action` is "exclude" or "include"; `parameters` name a range or `ids`. */
 export const markRecords = (id, action, parameters) =>
-  send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
+  send("POST", ["assets", id, "segments", action], undefined, { parameters });
 export const deleteRecords = (id, parameters) =>
-  send("DELETE", ["assets", id, "segments"], undefined, undefined, parameters);
+  send("DELETE", ["assets", id, "segments"], undefined, { parameters });
 /** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators/baseline">>} */
 export const baseline = (id, channel, name, signal) =>
   get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
 /** @type {(id: string, body: RequestBody<"/v1/assets/{asset}/alarms/try", "post">, signal?: AbortSignal) => Promise<any>} */
-export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, signal);
+export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, { signal });
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/tokens">>} */
 export const tokens = (signal) => get(["tokens"], { limit: 1000 }, signal);
 /** @type {(body: RequestBody<"/v1/tokens", "post">) => Promise<any>} */

@@ -17,6 +17,12 @@ const VIEWS = [
 ];
 const KEPT = ["channel", "segment"]; // query parameters kept when switching pages
 
+/** Why a description was not saved, and what to do when it has changed since the page was opened. */
+export const savingWords = (error) =>
+  error.status === 412
+    ? "Saving failed: the asset has been changed since this page was opened, in another window or by somebody else. Reload the page, which discards your changes, and enter them again."
+    : `Saving failed: ${error.message}.`;
+
 const LOOK_MS = 10_000;
 const lookups = new Map(); // asset → when its live streams were last fetched, and the answer
 const streaming = new Set(); // assets known to have live streams

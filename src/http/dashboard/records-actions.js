@@ -115,8 +115,12 @@ export class RecordActions {
     return found;
   }
 
-  /** Acts on the selected records if `agree(found)`; returns the number changed, or null. */
-  async #each(act, { gone = false, agree = (_found) => true } = {}) {
+  /**
+   * Acts on the selected records if `agree(found)`; returns the number changed, or null.
+   * @param {(target: object) => Promise<number>} act
+   * @param {{ gone?: boolean, agree?: (found: number) => boolean }} [options]
+   */
+  async #each(act, { gone = false, agree = () => true } = {}) {
     this.#showStatus("", "Working…");
     let done = 0;
     try {

@@ -1,15 +1,13 @@
 // An asset's settings as a form, with a live drawing of its gear pair.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
+import { AssetFrame, refusal, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { SettingLists } from "./settings-lists.js";
 import { GROUPS, putAt, tidy, valueAt } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
-
-const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // sent with an asset, but not part of its description
 
 /** The settings of one asset. */
 export class SettingsPage {
@@ -144,10 +142,9 @@ export class SettingsPage {
     this.#typed();
   }
 
-  /** The description from the form. */
+  /** The description from the form; the service ignores what it adds to its answers. */
   #description() {
     const spec = structuredClone(this.#asset);
-    for (const name of FROM_SERVER) delete spec[name];
     for (const [path, { field, input }] of this.#inputs) {
       const { kind = "number", alike, factor = 1 } = field;
       const text = input.value.trim();
@@ -173,7 +170,7 @@ export class SettingsPage {
     if (broken) return this.#invalid(broken);
     this.#save.disabled = true;
     try {
-      this.#asset = await api.replaceAsset(this.#id, this.#description());
+      this.#asset = await api.replaceAsset(this.#id, this.#description(), this.#asset);
       this.#fill();
       this.#frame.update(assetName(this.#asset), this.#query, this.#asset);
       this.#showNotice("good", "Saved.");
@@ -206,7 +203,7 @@ export class SettingsPage {
     for (const [, made] of own) this.#mark(made, expected);
     const first = own[0]?.[1].input ?? (name ? this.#lists.fail(error.problem) : null);
     if (first) return this.#invalid(first);
-    this.#showNotice("bad", `Saving failed: ${error.message}.`);
+    this.#showNotice("bad", savingWords(error));
   }
 
   /** Shows an error at number fields that contain something else; returns the first of them. */

@@ -1,7 +1,7 @@
 // The form for a new, copied or existing asset, with a live drawing and preview of its gear pair.
 
 import * as api from "./api.js";
-import { crumbs } from "./asset-frame.js";
+import { crumbs, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
@@ -34,6 +34,7 @@ export class SetupPage {
   #lists = new SetupLists(this.#inputs, () => this.#check(TYPED_MS));
   #rules = new SettingLists();
   #asked = false;
+  #edited; // the asset as it was fetched
   #isTouched = false;
   #idTyped = false;
   /** Errors by source: the page, the latest preview, the latest attempt to save. */
@@ -173,6 +174,7 @@ export class SetupPage {
   }
 
   #begin(asset) {
+    this.#edited = asset;
     const description = structuredClone(asset);
     for (const name of FROM_SERVER) delete description[name];
     if (!this.#query.edit) {
@@ -331,7 +333,7 @@ export class SetupPage {
     this.#save.disabled = true;
     try {
       const { id } = this.#query.edit
-        ? await api.replaceAsset(this.#query.edit, spec)
+        ? await api.replaceAsset(this.#query.edit, spec, this.#edited)
         : await api.createAsset(spec);
       this.#draft.clear();
       go({ page: "asset", id });
@@ -340,10 +342,7 @@ export class SetupPage {
         error.status === 409 ? { field: "id", value: spec.id, expected: "an unused id" } : error.problem;
       this.#refusals.saved = refusal ? [refusal] : [];
       const placed = this.#showRefusals().has(refusal);
-      this.#showNotice(
-        "bad",
-        placed ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`,
-      );
+      this.#showNotice("bad", placed ? "Saving failed: a field is invalid." : savingWords(error));
       if (placed) this.#inputs.focusError();
     } finally {
       this.#save.disabled = false;
