@@ -133,7 +133,15 @@ export const CHECKS = {
     await page.locator('[data-plot="trends"] .annotation-text', { hasText: "Sensor replaced" }).waitFor();
     const { items } = await json(`assets/${id}/maintenance`);
     assert.deepEqual([items[0].kind, items[0].by], ["sensor_replaced", "Grace"]);
+    // no record follows this entry, so the asset stays the same
+    await page.getByRole("button", { name: "Add maintenance" }).click();
+    await page.getByLabel("Operation changed").check();
+    await page.getByLabel("Time, UTC").fill("2026-03-01T09:00:00");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await events.getByText("2026-03-01 09:00:00 UTC, entered by Grace").waitFor();
     page.on("dialog", (dialog) => dialog.accept());
+    await events.getByRole("button", { name: "Delete entry: Operation changed" }).click();
+    await events.getByText("2026-03-01 09:00:00 UTC").waitFor({ state: "detached" });
     await events.getByRole("button", { name: "Delete entry: Sensor replaced" }).click();
     await events.getByText("no maintenance entries").waitFor();
     assert.equal((await json(`assets/${id}/maintenance`)).items.length, 0);

@@ -114,7 +114,8 @@ export class AssetPage {
     const asset = await answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return this.#refused(asset);
     const key = JSON.stringify(this.#query);
-    if (asset === this.#data?.asset && key === this.#key) return;
+    const isSame = asset === this.#data?.asset && key === this.#key;
+    if (isSame && !(await this.#isMaintained(signal))) return;
     const { summary } = asset;
     this.#hasMesh = Boolean(asset.gear);
     this.#trends.setMesh(this.#hasMesh);
@@ -148,6 +149,14 @@ export class AssetPage {
     this.#data ??= {};
     this.#data.asset = asset;
     this.#key = key;
+  }
+
+  /** Whether maintenance was added or deleted, which changes the asset only if records follow it. */
+  async #isMaintained(signal) {
+    const known = this.#data.events?.maintenance;
+    if (!known) return false;
+    const maintenance = await answer(api.maintenance(this.#id, signal));
+    return maintenance !== known && !(maintenance instanceof Error);
   }
 
   async #fetch(asset, latest, channel, signal) {
