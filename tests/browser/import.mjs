@@ -588,6 +588,32 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "a CSV file of two units of which one is refused is undone": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const text = ["in;out", ...Array.from({ length: 600 }, (_, n) => `${n % 7};${n % 5}`)];
+    await page.setInputFiles("#upload-file", [table("u_20260401_080000.csv", text.join("\n"))]);
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("2560");
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
+    await card(page, "u_20260401").getByText("CSV · 2 channels · 2560 Hz (entered)").waitFor();
+    await card(page, "u_20260401").getByLabel("Unit of in of").fill("g");
+    await card(page, "u_20260401").getByLabel("Unit of out of").fill("m/s2");
+    const refused = { title: "Unprocessable", detail: "it has too few samples" };
+    await page.route(/segments\?.*columns=2/, (route) => route.fulfill({ status: 422, json: refused }));
+    await send(page);
+    const part = page.locator('.result[data-kind="part"]');
+    await part.getByText("u_20260401_080000.csv: record of").waitFor();
+    await part
+      .getByText("The part of u_20260401_080000.csv in m/s2 was rejected: it has too few samples")
+      .waitFor();
+    page.on("dialog", (dialog) => dialog.accept());
+    await page.getByRole("button", { name: "Undo this import: delete 1 record…" }).click();
+    await page.getByText("1 record deleted. Import undone.").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0);
+    await opened.page.context().close();
+    await removeAsset(id);
+  },
+
   "a MATLAB file is uploaded with the entered rate and names": async () => {
     const opened = await desk();
     const { id, page } = opened;

@@ -256,7 +256,7 @@ export class ImportDesk {
       changed();
       return kind !== "bad";
     } catch (error) {
-      progress.end("bad", refusalWords(file, error));
+      progress.end("bad", refusalWords(file.name, error));
       return false;
     }
   }

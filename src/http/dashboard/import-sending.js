@@ -123,9 +123,17 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
   const requests = await requestsOf(file, seen, entry, common);
   const all = { kind: "good", words: [], segments: [] };
   for (const [n, { body, type, parameters }] of requests.entries()) {
-    const answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) =>
-      onProgress((n + share) / requests.length),
-    );
+    let answer;
+    try {
+      answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) =>
+        onProgress((n + share) / requests.length),
+      );
+    } catch (error) {
+      if (n === 0) throw error;
+      // the records of the requests before are stored
+      const part = `The part of ${file.name} ${parameters.unit ? `in ${parameters.unit}` : "without a unit"}`;
+      return { ...all, kind: "part", words: [...all.words, ...refusalWords(part, error)] };
+    }
     const refused = answer.refused_count ?? 0;
     if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
     all.words.push(...words(file, answer));
@@ -166,10 +174,10 @@ function words(file, answer) {
   });
 }
 
-/** Describes a refused upload. */
-export function refusalWords(file, error) {
+/** Describes a refused upload of `what`. */
+export function refusalWords(what, error) {
   const { field, value, expected } = error.problem ?? {};
-  const parts = [`${file.name} was rejected: ${error.message}`];
+  const parts = [`${what} was rejected: ${error.message}`];
   if (expected && !error.message.includes(expected))
     parts.push(`${field ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
   return parts;
