@@ -95,6 +95,54 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "an answer for another alarm, or an error that passes, leaves the comment": async (name) => {
+    const { settings } = RULE;
+    const id = await createAsset("alarmed", {
+      alarms: [RULE, { quantity: { indicator: "kurtosis" }, warning_below: 100, settings }],
+    });
+    for (const [minute, amplitude] of [1, 20].entries()) await sendNoise(id, minute, amplitude);
+    const { page, faults } = await open(`#/alarms?asset=${id}&show=all`);
+    const detail = page.getByRole("region", { name: "Selected alarm" });
+    const comment = detail.getByLabel("Comment", { exact: true });
+    await row(page, id).getByRole("link", { name: "RMS" }).click();
+    await detail.getByRole("heading", { name: "RMS" }).waitFor();
+    await detail.getByLabel("Your name").fill("Ada");
+    let release;
+    const held = new Promise((resolve) => (release = resolve));
+    await page.route("**/acknowledge", async (route) => {
+      await held;
+      await route.continue();
+    });
+    await detail.getByRole("button", { name: "Acknowledge" }).click();
+    await row(page, id).getByRole("link", { name: "Kurtosis" }).click();
+    await detail.getByRole("heading", { name: "Kurtosis" }).waitFor();
+    await detail
+      .getByText("Rule: warning below 100; raised by the first reading below, cleared by the first above.")
+      .waitFor();
+    await comment.fill("to be asked");
+    release();
+    await row(page, id).filter({ hasText: "RMS" }).getByText("Acknowledged").waitFor();
+    await detail.getByRole("heading", { name: "Kurtosis" }).waitFor();
+    assert.equal(await comment.inputValue(), "to be asked");
+
+    const again = () => page.evaluate(() => document.dispatchEvent(new CustomEvent("recordschange")));
+    const asked = new URL(`${page.url().split("#")[0]}v1/alarms/${parameters(page).get("alarm")}`).href;
+    await page.route(asked, (route) => route.fulfill({ status: 429, json: { detail: "too many requests" } }));
+    await again();
+    await detail.getByText("too many requests").waitFor();
+    await page.unroute(asked);
+    await again();
+    await detail.getByRole("heading", { name: "Kurtosis" }).waitFor();
+    assert.equal(await comment.inputValue(), "to be asked");
+    await shoot(page, name);
+    assert.ok(
+      faults.every((fault) => fault.includes("429")),
+      `${faults}`,
+    );
+    await page.context().close();
+    await removeAsset(id);
+  },
+
   "an asset's page marks its alarms, and leads to them": async (name) => {
     const id = await alarmed([1, 20, 20, 1]);
     const opened = await open(`#/assets/${id}?trend=rms`);

@@ -11,7 +11,6 @@ const alarms = (n) => `${count(n)} ${n === 1 ? "alarm" : "alarms"}`;
 export class BulkAcknowledge {
   #chosen = new Set();
   #offered = [];
-  #onDone;
   #words = h("p", { class: "muted", "aria-live": "polite" });
   #all = h("input", { type: "checkbox", id: "alarms-all", onclick: () => this.#takeAll(this.#all.checked) });
   #by = h("input", { id: "alarms-by", autocomplete: "name", maxlength: 200 });
@@ -34,8 +33,7 @@ export class BulkAcknowledge {
     this.#result,
   );
 
-  constructor(onDone) {
-    this.#onDone = onDone;
+  constructor() {
     this.#by.value = storedName();
   }
 
@@ -115,7 +113,6 @@ export class BulkAcknowledge {
     } finally {
       this.#act.disabled = false;
       document.dispatchEvent(new CustomEvent("recordschange"));
-      this.#onDone();
     }
   }
 

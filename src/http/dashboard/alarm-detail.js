@@ -1,7 +1,15 @@
 // Details of one alarm: its subject, the available actions, and its history.
 
 import { fetchUnits } from "./alarm-units.js";
-import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
+import {
+  changeWords,
+  levelWords,
+  quantityWords,
+  reading,
+  ruleLevels,
+  severityBadge,
+  stateWords,
+} from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
@@ -21,7 +29,6 @@ const HOUR_MS = 3_600_000;
 
 /** The panel beside the alarm list. */
 export class AlarmDetail {
-  #onChanged;
   #id;
   #alarm;
   #head = h("div", { class: "alarm-head" });
@@ -81,16 +88,18 @@ export class AlarmDetail {
     this.#body,
   );
 
-  /** `onChanged` is called after an action. */
-  constructor(onChanged) {
-    this.#onChanged = onChanged;
+  constructor() {
     this.#by.value = storedName();
   }
 
   /** Shows the alarm with this id, or a hint when none is selected. */
   async show(id, signal) {
-    if (!id) return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
+    if (!id) {
+      this.#id = undefined;
+      return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
+    }
     const alarm = await api.answer(api.alarm(id, signal));
+    // the entered comment stays: the error may be over at the next update
     if (alarm instanceof Error)
       return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
     if (id !== this.#id) {
@@ -104,7 +113,7 @@ export class AlarmDetail {
   }
 
   #nothing(words) {
-    [this.#id, this.#alarm] = [undefined, undefined];
+    this.#alarm = undefined;
     this.#notice.hidden = false;
     this.#body.hidden = true;
     setText(this.#notice, words);
@@ -167,22 +176,24 @@ export class AlarmDetail {
     const until = action === "shelve" ? this.#end() : undefined;
     if (until === null) return this.#showStatus("bad", "Enter the time until which to shelve the alarm.");
     storeName(by);
+    const id = this.#id;
     try {
-      const alarm = await api.actOnAlarm(this.#id, action, {
+      const alarm = await api.actOnAlarm(id, action, {
         by,
         ...(comment && { comment }),
         ...(until && { until }),
       });
+      if (id !== this.#id) return; // another alarm has been selected
       this.#comment.value = "";
       this.#render(alarm);
       this.#showStatus(
         "good",
         `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
-      document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#showStatus("bad", `Action failed: ${error.message}.`);
-      this.#onChanged();
+      if (id === this.#id) this.#showStatus("bad", `Action failed: ${error.message}.`);
+    } finally {
+      document.dispatchEvent(new CustomEvent("recordschange"));
     }
   }
 
@@ -193,19 +204,15 @@ export class AlarmDetail {
 }
 
 function ruleWords(alarm) {
-  const { warning, danger, hysteresis, settings } = alarm.rule;
-  const levels = [
-    ["warning", warning],
-    ["danger", danger],
-  ]
-    .filter(([, level]) => level != null)
-    .map(([name, level]) => `${name} above ${reading(level, alarm)}`)
-    .join(", ");
+  const { warning, danger, warning_below, danger_below, hysteresis, settings } = alarm.rule;
+  const [isUpper, isLower] = [warning ?? danger, warning_below ?? danger_below].map((level) => level != null);
+  const [past, back] =
+    isUpper && isLower ? ["beyond", "within"] : isLower ? ["below", "above"] : ["above", "below"];
   const { raise, raise_of: of, clear, clear_of: clearOf } = settings;
   const cleared = clearOf === 1 ? "the first" : `${clear} of ${clearOf}`;
-  const back = hysteresis ? `${cleared} more than ${reading(hysteresis, alarm)} below` : `${cleared} below`;
+  const margin = hysteresis ? `more than ${reading(hysteresis, alarm)} ` : "";
   const raised = of === 1 ? "the first reading" : `${raise} of the last ${of} readings`;
-  return `Rule: ${levels}; raised by ${raised} above, cleared by ${back}.`;
+  return `Rule: ${ruleLevels(alarm.rule, alarm)}; raised by ${raised} ${past}, cleared by ${cleared} ${margin}${back}.`;
 }
 
 function entry(change, alarm) {

@@ -66,6 +66,18 @@ export function levelWords(alarm) {
   return ["warning", "danger"].flatMap((name) => sides(name).map((side) => `${name} ${words(side)}`))[0];
 }
 
+/** The levels of a rule; `alarm` has the unit. */
+export const ruleLevels = (rule, alarm = rule) =>
+  [
+    ["warning above", rule.warning],
+    ["danger above", rule.danger],
+    ["warning below", rule.warning_below],
+    ["danger below", rule.danger_below],
+  ]
+    .filter(([, level]) => level != null)
+    .map(([words, level]) => `${words} ${reading(level, alarm)}`)
+    .join(", ");
+
 const SEVERITIES = { danger: ["danger", "Danger"], warning: ["warning", "Warning"] };
 
 /** The severity symbol of an alarm with its label. */

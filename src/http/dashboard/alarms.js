@@ -59,9 +59,9 @@ export class AlarmsPage {
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
-  #detail = new AlarmDetail(() => this.refresh());
+  #detail = new AlarmDetail();
   #notifications = new NotificationList();
-  #bulk = new BulkAcknowledge(() => this.refresh());
+  #bulk = new BulkAcknowledge();
   #rows = new KeyedRows(
     this.#body,
     ({ id }) => id,

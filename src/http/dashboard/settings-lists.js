@@ -1,6 +1,6 @@
 // Lists in an asset's settings: alarm rules and operating bins, one row of fields per entry.
 
-import { reading, quantityWords } from "./alarm-words.js";
+import { quantityWords, ruleLevels } from "./alarm-words.js";
 import { h, setChildren } from "./dom.js";
 import { Rows } from "./setting-rows.js";
 
@@ -128,18 +128,6 @@ function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
   });
 }
 
-const levels = (rule) =>
-  [
-    ["warning", "above"],
-    ["danger", "above"],
-    ["warning", "below"],
-    ["danger", "below"],
-  ]
-    .map(([name, side]) => [`${name} ${side}`, rule[side === "below" ? `${name}_below` : name]])
-    .filter(([, level]) => level != null)
-    .map(([words, level]) => `${words} ${reading(level, rule)}`)
-    .join(", ");
-
 /** The fieldsets for alarm rules and operating bins. */
 export class SettingLists {
   #own = h("input", { type: "checkbox", id: "setting-own-rules", onchange: () => this.#ownChanged() });
@@ -191,7 +179,7 @@ export class SettingLists {
     this.#defaults.hidden = this.#own.checked;
     setChildren(
       this.#defaults,
-      this.#inForce.map((rule) => h("li", {}, `${quantityWords(rule.quantity)}: ${levels(rule)}`)),
+      this.#inForce.map((rule) => h("li", {}, `${quantityWords(rule.quantity)}: ${ruleLevels(rule)}`)),
     );
     this.#words.textContent = this.#own.checked
       ? "Levels and hysteresis in the unit of the quantity."
