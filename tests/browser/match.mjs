@@ -1,7 +1,7 @@
 // The match page counts what it draws.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, open } from "./page.mjs";
+import { asset, close, drawn, open, shoot } from "./page.mjs";
 
 /** An answer with features at 0, 1.5 and 2.5 standard deviations beside their bars, and one in the noise. */
 function changed(match) {
@@ -57,5 +57,22 @@ export const CHECKS = {
       })
       .waitFor();
     await close(opened, name);
+  },
+
+  "the match is shown again after a record that does not exist": async (name) => {
+    const { page, faults } = await open(`#/assets/${asset}/match`);
+    await drawn(page, "features");
+    await page.evaluate(() => (location.hash += "?segment=0123456789abcdef"));
+    await page.locator(".notice", { hasText: "0123456789abcdef" }).waitFor();
+    await page.locator('[data-plot="features"]').waitFor({ state: "hidden" });
+    await page.goBack();
+    await page.locator('[data-plot="features"]').waitFor({ state: "visible" });
+    await page.locator(".notice", { hasText: "0123456789abcdef" }).waitFor({ state: "hidden" });
+    await shoot(page, name);
+    assert.ok(
+      faults.every((fault) => fault.includes("404")),
+      `${faults}`,
+    );
+    await page.context().close();
   },
 };

@@ -88,7 +88,8 @@ export class MatchPage {
   #showNotice(words) {
     this.#notice.textContent = words;
     this.#notice.hidden = false;
-    this.#grid.hidden = true;
+    this.#grid.hidden = this.#novelty.element.hidden = true;
+    this.#data = undefined; // the match is drawn again when it is back
   }
 
   /** A record without a best state, with its largest deviations if known. */
