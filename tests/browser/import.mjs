@@ -356,6 +356,20 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "a refusal to list the replays is shown until they are listed": async () => {
+    const before = (page) =>
+      page.route(/\/v1\/replays\b/, (route) =>
+        route.fulfill({ status: 403, json: { detail: "not allowed" } }),
+      );
+    const { page } = await open(`#/assets/${asset}/import`, {}, before);
+    const words = page.locator('.result[data-kind="bad"]', { hasText: "not allowed" });
+    await words.waitFor();
+    await page.unroute(/\/v1\/replays\b/);
+    await page.evaluate(() => document.dispatchEvent(new CustomEvent("recordschange")));
+    await words.waitFor({ state: "hidden" });
+    await page.context().close();
+  },
+
   "an import is undone after a reload of the page": async (name) => {
     const opened = await desk();
     const { id, page } = opened;

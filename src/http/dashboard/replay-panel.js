@@ -44,6 +44,7 @@ export class ReplayPanel {
     (replay) => this.#item(replay),
   );
   #shown;
+  #isRefused = false; // the latest request for the replays
   element;
 
   constructor(assetId) {
@@ -108,9 +109,13 @@ export class ReplayPanel {
       await action();
       await this.refresh();
     } catch (error) {
-      this.#error.hidden = false;
-      setText(this.#error, error.message);
+      this.#fail(error);
     }
+  }
+
+  #fail(error) {
+    this.#error.hidden = false;
+    setText(this.#error, error.message);
   }
 
   /** Fetches this asset's replays. The page reports a lost connection. */
@@ -119,9 +124,12 @@ export class ReplayPanel {
     try {
       answer = await replays();
     } catch (error) {
-      if (error instanceof ApiError) setText(this.#error, error.message);
+      this.#isRefused = error instanceof ApiError;
+      if (this.#isRefused) this.#fail(error);
       return;
     }
+    if (this.#isRefused) this.#error.hidden = true;
+    this.#isRefused = false;
     if (answer === this.#shown) return;
     this.#shown = answer;
     const own = answer.items.filter((replay) => replay.asset === this.#assetId).reverse();
