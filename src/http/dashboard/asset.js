@@ -201,7 +201,7 @@ export class AssetPage {
       pinnedRecord && panesOf(pin, pinnedRecord),
       this.#inDetail((range) => api.wearHistory(this.#id, channel, signal, range)),
       trends,
-      this.#fetchEvents(channel, signal),
+      this.#fetchEvents(asset, channel, signal),
     ]);
     this.#data = {
       asset,
@@ -223,9 +223,9 @@ export class AssetPage {
     return withFineItems(await answer(ask()), timeOf(this.#query.time), (range) => answer(ask(range)));
   }
 
-  async #fetchEvents(channel, signal) {
+  async #fetchEvents(asset, channel, signal) {
     const events = await fetchEvents(this.#id, channel, signal);
-    return { ...events, hindsight: await hindsightOf(this.#id, channel, events.maintenance, signal) };
+    return { ...events, hindsight: await hindsightOf(asset, channel, events.maintenance, signal) };
   }
 
   /** Redraws from known data, for a changed address or theme. */

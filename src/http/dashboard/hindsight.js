@@ -6,13 +6,17 @@ let known = { key: "", items: [] };
 
 /**
  * The re-estimated records before the last inspection; none without an inspection. The service computes them
- * on request, so they are requested once.
+ * on request, so they are requested again only when what they follow from has changed.
  */
-export async function hindsightOf(id, channel, maintenance, signal) {
-  const inspections =
-    maintenance instanceof Error ? [] : maintenance.items.filter(({ inspection }) => inspection);
-  if (inspections.length === 0) return [];
-  const key = JSON.stringify([id, channel, inspections.map(({ time, inspection }) => [time, inspection])]);
+export async function hindsightOf({ id, updated_at }, channel, maintenance, signal) {
+  const events = maintenance instanceof Error ? [] : maintenance.items;
+  const inspected = events.filter(({ inspection }) => inspection).map(({ time }) => Date.parse(time));
+  if (inspected.length === 0) return [];
+  const to = new Date(Math.max(...inspected)).toISOString();
+  const counted = [undefined, "excluded"].map((status) =>
+    api.answer(api.recordCount(id, { channel, to, status }, signal)),
+  );
+  const key = JSON.stringify([id, updated_at, channel, events, await Promise.all(counted)]);
   if (known.key !== key) {
     const answer = await api.answer(api.wearHindsight(id, channel, signal));
     if (answer instanceof Error || answer.items.length === 0) return [];
