@@ -2,10 +2,10 @@
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
-import { count } from "./format.js";
+import { some } from "./format.js";
 import { storeName, storedName } from "./person.js";
 
-const alarms = (n) => `${count(n)} ${n === 1 ? "alarm" : "alarms"}`;
+const alarms = (n) => some(n, "alarm");
 
 /** The bar above the alarm list: acknowledges the selected alarms with one name and comment. */
 export class BulkAcknowledge {

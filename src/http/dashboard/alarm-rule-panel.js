@@ -4,7 +4,7 @@
 import { reading } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setOptions, setText } from "./dom.js";
-import { clock, count, indicatorName, number, unit } from "./format.js";
+import { clock, count, indicatorName, number, some, unit } from "./format.js";
 
 const LEVELS = [
   ["warning", "Warning above", "warning"],
@@ -19,7 +19,6 @@ const quantityOf = (name) => (OF_THEIR_OWN.includes(name) ? name : { indicator: 
 /** Whether a rule watches the quantity `name`. */
 export const watches = (rule, name) =>
   OF_THEIR_OWN.includes(name) ? rule.quantity === name : rule.quantity?.indicator === name;
-const some = (n, word) => `${count(n)} ${n === 1 ? word : `${word}s`}`;
 
 /**
  * The panel below a plot. `prefix` starts the ids of its fields. Calls `onDraft` when the displayed rule

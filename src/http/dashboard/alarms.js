@@ -210,6 +210,4 @@ export class AlarmsPage {
     for (const [element, time] of this.#ages.values()) setText(element, age(time));
     this.#notifications.tick();
   }
-
-  dispose() {}
 }

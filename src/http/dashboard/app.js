@@ -53,8 +53,6 @@ class UnknownPage {
     return false;
   }
   async refresh() {}
-  tick() {}
-  dispose() {}
 }
 
 /** Shown while a page's code cannot be loaded, until the server answers again. */
@@ -79,8 +77,6 @@ class UnreachedPage {
     // not help either.
     if (this.#lost) location.reload();
   }
-  tick() {}
-  dispose() {}
 }
 
 // Page code is loaded on first use, so that the first page does not wait for the others.
@@ -135,7 +131,7 @@ async function follow() {
   } else {
     const Page = await PAGES[route.page]().catch(() => UnreachedPage);
     if (route !== shown) return; // the address has changed in the meantime
-    page?.dispose();
+    page?.dispose?.();
     page = new Page(main, route);
     built = route;
     if (!first) {
@@ -169,7 +165,7 @@ document.addEventListener("sessionchange", lookForSession);
 document.addEventListener("recordschange", () => live.now());
 setInterval(() => {
   showStatus(status, view);
-  page?.tick();
+  page?.tick?.();
 }, 1000);
 follow();
 lookForSession();

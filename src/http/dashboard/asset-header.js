@@ -1,7 +1,7 @@
 // The head of an asset's overview: state, current wear with its interval, and the facts behind them.
 
 import { h, setChildren, setOptions, setText } from "./dom.js";
-import { age, clock, count, depth, hertz, number, speedDoubt, speedSource } from "./format.js";
+import { age, clock, depth, hertz, number, some, speedDoubt, speedSource } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
 import { AssetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
@@ -9,13 +9,6 @@ import { statusWords } from "./record-statuses.js";
 import { change, format } from "./route.js";
 import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeToLimit } from "./state.js";
 import { badge } from "./symbols.js";
-
-const LIBRARY_STATES = {
-  none: "none",
-  building: "building",
-  failed: "failed",
-  ready: "ready",
-};
 
 function fact(term, ...words) {
   return h("div", { class: "fact" }, h("dt", {}, term), h("dd", {}, ...words));
@@ -61,7 +54,7 @@ const BEST_STATE =
 function libraryFact(summary, wear) {
   const { library_id: id, library_state: state, library_error: error, simulation } = summary;
   const best = wear?.best_state;
-  const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
+  const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : state;
   const detail = simulation
     ? simulationWords(simulation, summary.library_estimated_s)
     : error
@@ -144,7 +137,7 @@ function facts(asset, wear, last) {
     bearingsFact(asset.bearings),
     channelsFact(summary),
     zoneFact(summary),
-    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
+    fact("Records", some(summary.segments, "record"), last),
   ];
 }
 

@@ -184,8 +184,6 @@ export class BenchPage {
     await this.#draw();
   }
 
-  tick() {}
-
   /** Releases the plots and stops playback. */
   dispose() {
     this.#plots.dispose();

@@ -9,8 +9,6 @@ import { MAINTENANCE, maintenanceWord, sameEvents } from "./life-events.js";
 import { format } from "./route.js";
 import { symbol } from "./symbols.js";
 
-const KEYS = { danger: "danger", warning: "warning" };
-
 /** One alarm; `elsewhere` marks one of another channel. */
 function alarmItem(alarm, elsewhere = false) {
   const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
@@ -24,7 +22,7 @@ function alarmItem(alarm, elsewhere = false) {
   return h(
     "li",
     {},
-    symbol(KEYS[severity] ?? "normal", 20),
+    symbol(severity ?? "normal", 20),
     h("span", {}, elsewhere ? `Channel ${channel}: ` : null, link, `: ${stateWords(alarm, true)}`),
     h("span", { class: "muted" }, words),
   );

@@ -47,6 +47,14 @@ export function decibels(value) {
   return text === "0.0" ? "0.0" : `${value > 0 ? "+" : "−"}${text}`;
 }
 
+/** A number of things: "1 record", "2 records". */
+export const some = (n, word) => `${count(n)} ${n === 1 ? word : `${word}s`}`;
+
+/** The length of a recording. */
+export function recordLength(seconds) {
+  return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
+}
+
 /** A wear depth in µm, without the unit; no decimals from 10 µm, where they would suggest false precision. */
 export function depth(value) {
   if (value === null || value === undefined) return NONE;

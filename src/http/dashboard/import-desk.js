@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { clock, count, speedDoubt } from "./format.js";
+import { clock, count, some, speedDoubt } from "./format.js";
 import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
@@ -22,7 +22,7 @@ function warnBeforeLeaving() {
 }
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
-const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
+const records = (n) => some(n, "record");
 
 /** The import panel of one asset. */
 export class ImportDesk {
@@ -152,12 +152,12 @@ export class ImportDesk {
   /** Says how far the upload is; `rejected` files are not stored. */
   #sum(done, all, rejected, isLast) {
     this.#summary.hidden = all < 2;
-    const refused = rejected ? `, ${count(rejected)} ${rejected === 1 ? "file" : "files"} rejected` : "";
+    const refused = rejected ? `, ${some(rejected, "file")} rejected` : "";
     this.#summary.dataset.kind = !isLast ? "" : rejected ? "part" : "good";
     setText(
       this.#summary,
       isLast
-        ? `${count(all)} ${all === 1 ? "file" : "files"} read: ${records(this.#batch.size)} added${refused}.`
+        ? `${some(all, "file")} read: ${records(this.#batch.size)} added${refused}.`
         : `${count(done)} of ${count(all)} files uploaded${refused}…`,
     );
   }

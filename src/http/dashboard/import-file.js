@@ -1,14 +1,10 @@
 // One file of the import panel: its contents, start time, and channel names.
 
 import { h, setText } from "./dom.js";
-import { bytes, clock, count, hertz, number } from "./format.js";
+import { bytes, clock, count, hertz, recordLength } from "./format.js";
 import { ImportChannels } from "./import-channels.js";
 import { preview } from "./import-preview.js";
 import { recordsAt } from "./import-sending.js";
-
-function length(seconds) {
-  return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
-}
 
 /** The facts of a preview in one line. */
 function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary, note }) {
@@ -20,7 +16,7 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
     channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : null,
     topics,
     rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null,
-    seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null,
+    seconds != null ? `${isEstimate ? "about " : ""}${recordLength(seconds)}` : null,
     note,
   ];
   return parts.filter(Boolean).join(" · ");

@@ -47,7 +47,4 @@ export class ImportPage {
   takeFiles(files) {
     return this.#desk.take(files);
   }
-
-  tick() {}
-  dispose() {}
 }

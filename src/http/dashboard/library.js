@@ -226,8 +226,6 @@ export class LibraryPage {
     );
   }
 
-  tick() {}
-
   /** Releases the plots. */
   dispose() {
     for (const card of [this.#curve, this.#stiffness, this.#transmission]) card.dispose();

@@ -142,8 +142,6 @@ export class MatchPage {
     ]);
   }
 
-  tick() {}
-
   /** Releases the plots. */
   dispose() {
     for (const card of [this.#novelty, this.#features, this.#posterior, this.#stiffness, this.#transmission])

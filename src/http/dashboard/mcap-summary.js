@@ -1,21 +1,18 @@
 // The summary at the end of an MCAP file: topics with message counts, and the time range. Nothing else is
 // read.
 
+import { view } from "./wav-head.js";
+
 const MAGIC = [0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a];
 const FOOTER_BYTES = 9 + 20 + MAGIC.length;
 const MAX_SUMMARY = 8 * 1024 * 1024;
 const [CHANNEL, STATISTICS] = [0x04, 0x0b];
 
-/** An error in a supposed MCAP file. */
-export class McapError extends Error {}
-
-const view = async (file, from, to) => new DataView(await file.slice(from, to).arrayBuffer());
 const isMagic = (data, at) => MAGIC.every((byte, n) => data.getUint8(at + n) === byte);
 
 function text(data, at) {
   const length = data.getUint32(at, true);
-  if (at + 4 + length > data.byteLength)
-    throw new McapError("a name in its summary is longer than the summary");
+  if (at + 4 + length > data.byteLength) throw new Error("a name in its summary is longer than the summary");
   return {
     value: new TextDecoder().decode(new Uint8Array(data.buffer, data.byteOffset + at + 4, length)),
     next: at + 4 + length,
@@ -28,12 +25,12 @@ function text(data, at) {
  */
 export async function mcapSummary(file) {
   if (file.size < MAGIC.length + FOOTER_BYTES)
-    throw new McapError(`it has ${file.size} bytes, too short for an MCAP file`);
+    throw new Error(`it has ${file.size} bytes, too short for an MCAP file`);
   const begin = await view(file, 0, MAGIC.length);
-  if (!isMagic(begin, 0)) throw new McapError("it does not start like an MCAP file");
+  if (!isMagic(begin, 0)) throw new Error("it does not start like an MCAP file");
   const end = await view(file, file.size - FOOTER_BYTES, file.size);
   if (!isMagic(end, FOOTER_BYTES - MAGIC.length) || end.getUint8(0) !== 0x02)
-    throw new McapError("it is truncated");
+    throw new Error("it is truncated");
   const start = Number(end.getBigUint64(9, true));
   const size = file.size - FOOTER_BYTES - start;
   if (start === 0 || size <= 0 || size > MAX_SUMMARY) return null;

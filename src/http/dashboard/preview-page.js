@@ -58,8 +58,6 @@ export class PreviewPage {
     return this.#panel.redraw();
   }
 
-  tick() {}
-
   dispose() {
     this.#panel.dispose();
   }

@@ -3,14 +3,14 @@
 import * as api from "./api.js";
 import { compareOnBench, MAX_RECORDS } from "./bench-records.js";
 import { h, setText } from "./dom.js";
-import { clock, count } from "./format.js";
+import { clock, some } from "./format.js";
 import { storeName, storedName } from "./person.js";
 
 const AT_ONCE = 200; // ids in one request
 const PAGE = 1000;
 const MIN_BASELINE = 8;
 
-const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
+const records = (n) => some(n, "record");
 
 /** The next millisecond after a time: an exclusive end that includes the record at that time. */
 const after = (time) => new Date(Date.parse(time) + 1).toISOString();

@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { h } from "./dom.js";
-import { clock, figure, hertz, number, speedDoubt, speedSource, unit } from "./format.js";
+import { clock, figure, hertz, recordLength, speedDoubt, speedSource, unit } from "./format.js";
 import { statusMeaning, statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 
@@ -17,10 +17,6 @@ export const HEADINGS = [
   "Used",
   "Raw",
 ];
-
-function length(seconds) {
-  return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
-}
 
 /** A remark on the speed: why it is uncertain, or its source if that is not the mesh as usual. */
 function remark(speed) {
@@ -65,7 +61,7 @@ export function recordRow(record, onToggle) {
       h("a", { href: format({ page: "asset", id: asset, query: { channel, segment: id } }) }, time),
     ),
     cell(HEADINGS[1], channel),
-    cell(HEADINGS[2], length(samples / rate)),
+    cell(HEADINGS[2], recordLength(samples / rate)),
     cell(HEADINGS[3], hertz(rate)),
     cell(
       HEADINGS[4],

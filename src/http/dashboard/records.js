@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
 import { h, setChildren, setOptions, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
-import { count } from "./format.js";
+import { count, some } from "./format.js";
 import { KeyedRows } from "./keyed-rows.js";
 import { STATUSES } from "./record-statuses.js";
 import { RecordActions } from "./records-actions.js";
@@ -233,7 +233,7 @@ export class RecordsPage {
         ? `${count(first)} to ${count(first + this.#items.length - 1)} of `
         : `${count(this.#items.length)} of `
       : "";
-    setText(this.#words, `${range}${count(this.#total)} ${this.#total === 1 ? "record" : "records"}`);
+    setText(this.#words, `${range}${some(this.#total, "record")}`);
     this.#back.disabled = !cursor;
     const isLinked = cursor && !this.#places.has(this.#address(cursor));
     setText(this.#back, isLinked ? "← First page" : "← Previous page");
@@ -302,7 +302,4 @@ export class RecordsPage {
     setText(this.#pickAll, this.#all ? "Select none" : `Select all ${count(this.#total)}`);
     this.#actions.show(this.#all ? this.#total : this.#selected.size);
   }
-
-  tick() {}
-  dispose() {}
 }

@@ -229,7 +229,4 @@ export class SettingsPage {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
-
-  tick() {}
-  dispose() {}
 }

@@ -14,7 +14,6 @@ const WORDS = {
   load: ["Load on the teeth", "% of the model's limit", "at most 100"],
 };
 const SIGNS = { good: "✓", marginal: "!", impossible: "✕" };
-const SPOKEN = { good: "good", marginal: "marginal", impossible: "impossible" };
 const GEARS = ["", "driving", "driven"];
 const RANK = { impossible: 0, marginal: 1, good: 2 };
 
@@ -49,7 +48,7 @@ export function showMeasures(element, measures) {
     return h(
       "li",
       { "data-verdict": verdict, "data-quantity": quantity },
-      h("span", { class: "measure-sign", role: "img", "aria-label": SPOKEN[verdict] }, SIGNS[verdict]),
+      h("span", { class: "measure-sign", role: "img", "aria-label": verdict }, SIGNS[verdict]),
       h("span", {}, name),
       h(
         "span",

@@ -378,8 +378,6 @@ export class SetupPage {
     return this.#panel.redraw();
   }
 
-  tick() {}
-
   dispose() {
     this.#panel.dispose();
   }

@@ -1,6 +1,7 @@
 // Amplitude spectrum with mesh lines, and envelope spectrum with shaft lines.
 
 import { amplitudeAxis, height, place } from "./amplitude-scale.js";
+import { BEARING_LINES } from "./bearing-geometry.js";
 import { amplitudeAt } from "./fine-lines.js";
 import { hertz, number, unit } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
@@ -311,8 +312,6 @@ const BAND_SOURCES = {
   whole: "the whole band",
 };
 
-const BEARING_LINES = ["bpfo", "bpfi", "bsf", "ftf"];
-
 /** The lines of shafts, mesh and bearings in an envelope spectrum. */
 function knownLines(shaft, teeth, bearings) {
   const lines = [];
@@ -334,11 +333,11 @@ function knownLines(shaft, teeth, bearings) {
       kind: "mesh",
     });
   for (const [bearing, orders] of Object.entries(bearings))
-    for (const line of BEARING_LINES)
+    for (const [key, name] of BEARING_LINES)
       lines.push({
-        frequency_hz: orders[line] * shaft,
-        label: line.toUpperCase(),
-        name: `${line.toUpperCase()} of bearing ${bearing}`,
+        frequency_hz: orders[key] * shaft,
+        label: name,
+        name: `${name} of bearing ${bearing}`,
         kind: "bearings",
       });
   return lines;

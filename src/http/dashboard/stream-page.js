@@ -474,8 +474,6 @@ export class StreamPage {
     return null;
   }
 
-  tick() {}
-
   /** Closes the connection and releases the plots. */
   dispose() {
     this.#feed?.close();

@@ -202,8 +202,6 @@ export class TokensPage {
     setText(this.#result, words);
   }
 
-  tick() {}
-
   /** Clears the displayed token. */
   dispose() {
     this.#hide();

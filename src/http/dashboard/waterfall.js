@@ -180,8 +180,6 @@ export class WaterfallPage {
     });
   }
 
-  tick() {}
-
   /** Releases the plot. */
   dispose() {
     this.#card.dispose();

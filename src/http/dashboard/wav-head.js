@@ -20,11 +20,9 @@ const FORMATS = {
   "3/64": [8, (view, at) => view.getFloat64(at, true)],
 };
 
-const view = async (file, from, to) => new DataView(await file.slice(from, to).arrayBuffer());
+/** A slice of a file. */
+export const view = async (file, from, to) => new DataView(await file.slice(from, to).arrayBuffer());
 const tag = (data, at) => String.fromCharCode(...Array.from({ length: 4 }, (_, n) => data.getUint8(at + n)));
-
-/** An error in a supposed WAV file. */
-export class WavError extends Error {}
 
 /**
  * `{ format, bits, channels, rate, at, bytes, frames, frameBytes, lost }` of a WAV file; `at` is the offset of
@@ -33,14 +31,14 @@ export class WavError extends Error {}
 export async function wavHead(file) {
   const begin = await view(file, 0, 12);
   if (begin.byteLength < 12 || tag(begin, 0) !== "RIFF" || tag(begin, 8) !== "WAVE")
-    throw new WavError("it does not start like a WAV file (RIFF, WAVE)");
+    throw new Error("it does not start like a WAV file (RIFF, WAVE)");
   let form = null;
   for (let at = 12, n = 0; n < CHUNKS && at + 8 <= file.size; n++) {
     const head = await view(file, at, at + 48);
     const [name, size] = [tag(head, 0), head.getUint32(4, true)];
     if (name === "fmt ") {
       if (size < 16 || head.byteLength < 24)
-        throw new WavError(`its format chunk has ${size} bytes, expected at least 16`);
+        throw new Error(`its format chunk has ${size} bytes, expected at least 16`);
       const kind = head.getUint16(8, true);
       form = {
         format: kind === EXTENSIBLE && size >= 26 && head.byteLength >= 34 ? head.getUint16(32, true) : kind,
@@ -51,16 +49,16 @@ export async function wavHead(file) {
       };
     }
     if (name === "data") {
-      if (!form) throw new WavError("the data chunk precedes the format chunk");
+      if (!form) throw new Error("the data chunk precedes the format chunk");
       const bytes = Math.min(size, file.size - at - 8);
       if (!form.frameBytes || !form.channels || !form.rate)
-        throw new WavError("its format chunk has no rate or channels");
+        throw new Error("its format chunk has no rate or channels");
       const lost = size === UNKNOWN_LENGTH ? 0 : size - bytes;
       return { ...form, at: at + 8, bytes, frames: Math.floor(bytes / form.frameBytes), lost };
     }
     at += 8 + size + (size % 2);
   }
-  throw new WavError(form ? "it has no data chunk" : "it has no format chunk");
+  throw new Error(form ? "it has no data chunk" : "it has no format chunk");
 }
 
 /** The minimum and maximum of `values` in up to `COLUMNS` intervals: `[low, high]` each. */
