@@ -72,7 +72,7 @@ function wheel(gear, x, turn, name) {
         y: gear.bore + (gear.root - gear.bore) / 2,
         "font-size": gear.reference / 7,
       },
-      `${name} ${gear.teeth}`,
+      `${name}, ${gear.teeth} teeth`,
     ),
   );
 }
@@ -103,8 +103,8 @@ export function drawPair(element, geometry) {
         role: "img",
         "aria-label": words,
       },
-      wheel(left, 0, 0, "drives:"),
-      wheel(right, distance, turn, "driven:"),
+      wheel(left, 0, 0, "driving"),
+      wheel(right, distance, turn, "driven"),
       svg("line", { class: "tooth-scale", x1: low, x2: low + bar, y1: tall, y2: tall }),
       svg(
         "text",

@@ -68,11 +68,11 @@ export class StartSpacing {
     this.#showLast();
   }
 
-  /** A question when files without times would stand at one moment, as after a copy; null otherwise. */
+  /** A question when files without times would all start at the same time, as after a copy; null otherwise. */
   question() {
     const starts = this.#cards.filter((card) => card.hasGuessedStart).map((card) => Date.parse(card.start()));
     if (starts.length < FEW || Math.max(...starts) - Math.min(...starts) > MINUTE) return null;
-    return `${count(starts.length)} files do not say when they were recorded, and were all written within one minute. Wear follows the order of the records, so set their start times first. Upload them at the times of the files anyway?`;
+    return `${count(starts.length)} files do not say when they were recorded, and were all written within one minute. Wear follows the order of the records, so set their start times first. Upload them with the files' modification times anyway?`;
   }
 
   /** The start of the last record, in ms; NaN while something is missing. */

@@ -83,7 +83,7 @@ function noveltyFact({ novelty }) {
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
   if (!resolved || resolved[1] - resolved[0] < 1)
-    return fact("Resolution", `± ${depth((high - low) / 2)} µm`, small("half of the 90 % interval"));
+    return fact("Uncertainty", `± ${depth((high - low) / 2)} µm`, small("half of the 90 % interval"));
   return fact(
     "Resolution",
     `${depth(resolved[0])} to ${depth(resolved[1])} µm cannot be distinguished`,

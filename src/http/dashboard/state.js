@@ -195,7 +195,8 @@ function transmissionSentence(wear) {
 function outlook(wear, limits) {
   const { warning_um: warning, danger_um: danger } = limits ?? {};
   const key = wearState(wear, limits);
-  if (key === "danger") return `The median is above the danger limit of ${depth(danger)} µm: stop the gear.`;
+  if (key === "danger")
+    return `The median is above the danger limit of ${depth(danger)} µm: stop the machine.`;
   if (key === "warning")
     return `The median is above the warning limit of ${depth(warning)} µm: plan maintenance.`;
   const next = warning ?? danger;
