@@ -212,7 +212,8 @@ function ruleWords(alarm) {
   const cleared = clearOf === 1 ? "the first" : `${clear} of ${clearOf}`;
   const margin = hysteresis ? `more than ${reading(hysteresis, alarm)} ` : "";
   const raised = of === 1 ? "the first reading" : `${raise} of the last ${of} readings`;
-  return `Rule: ${ruleLevels(alarm.rule, alarm)}; raised by ${raised} ${past}, cleared by ${cleared} ${margin}${back}.`;
+  const counts = `raised by ${raised} ${past}, cleared by ${cleared} ${margin}${back}`;
+  return `Rule: ${ruleLevels(alarm.rule, alarm)}; ${counts}.`;
 }
 
 function entry(change, alarm) {

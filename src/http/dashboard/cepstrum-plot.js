@@ -19,6 +19,7 @@ export function cepstrumDrawing(layers, revision) {
   if (shaft && teeth && teeth[0] !== teeth[1])
     periods.push({ name: "driven shaft", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
   const shown = periods.filter(({ period }) => period <= x.at(-1));
+  const places = shown.map(({ name, period }) => `${name} at ${number(period)} ms`);
   // the lowest quefrencies describe the transmission path and would dwarf all others
   const from = shaft && teeth ? 1000 / (shaft * teeth[0] * 4) : x[0];
   const heights = layers.flatMap(({ data }) =>
@@ -44,7 +45,7 @@ export function cepstrumDrawing(layers, revision) {
     sub: shaft
       ? `A peak at one shaft period indicates sidebands spaced by the shaft speed (${hertz(shaft)}).`
       : "The shaft speed of this record is unknown, so no period is marked.",
-    summary: `${["Cepstrum", ...shown.map(({ name, period }) => `${name} at ${number(period)} ms`)].join(", ")}.`,
+    summary: `${["Cepstrum", ...places].join(", ")}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",

@@ -68,7 +68,9 @@ export class StartSpacing {
     this.#showLast();
   }
 
-  /** A question when files without times would all start at the same time, as after a copy; null otherwise. */
+  /**
+   * A question when files without times would all start at the same time, as after a copy; null otherwise.
+   */
   question() {
     const starts = this.#cards.filter((card) => card.hasGuessedStart).map((card) => Date.parse(card.start()));
     if (starts.length < FEW || Math.max(...starts) - Math.min(...starts) > MINUTE) return null;

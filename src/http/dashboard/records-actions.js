@@ -94,7 +94,7 @@ export class RecordActions {
     const { ids, all } = this.#selection();
     if (!all || all.status) {
       const chosen = all ? await this.#identifiers(all) : ids;
-      return { found: chosen.length, parts: chunks(chosen).map((some) => ({ ids: some.join(",") })) };
+      return { found: chosen.length, parts: chunks(chosen).map((part) => ({ ids: part.join(",") })) };
     }
     const { channel, from, to } = all;
     const known = await api.recordCount(this.#id, { channel, from, to });

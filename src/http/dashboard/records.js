@@ -150,7 +150,8 @@ export class RecordsPage {
 
   #turn() {
     const { cursor } = this.#query;
-    if (this.#asked !== this.#address(cursor)) return; // the page after the displayed one is already asked for
+    // the page after the displayed one is already requested
+    if (this.#asked !== this.#address(cursor)) return;
     const { next_cursor: next } = this.#shown;
     this.#places.set(this.#address(next), { before: this.#place(cursor).before + 1, back: cursor });
     change({ cursor: next });
