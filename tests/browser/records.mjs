@@ -164,15 +164,24 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Previous page" }).click();
     await settled(page, "1 to 100 of 110 records");
     await page.getByRole("button", { name: "Select all 110" }).click();
+    await page.getByRole("button", { name: "Use as baseline…" }).click();
+    await page.getByText("The 110 records from 2026-03-01 08:00:00 UTC").waitFor();
+    await send(110, 113);
+    await settled(page, "1 to 100 of 113 records");
+    await page.getByLabel("Your name").fill("Ada");
+    await page.getByRole("button", { name: "Use as baseline", exact: true }).click();
+    await page.getByText("Baseline set.").waitFor();
+    const { items } = await json(`assets/${id}/maintenance`);
+    assert.equal(Date.parse(items[0].until), Date.parse(start(109)) + 1, "as the form said");
     const asked = [];
     page.on("dialog", async (dialog) => {
       asked.push(dialog.message());
-      await send(110, 113);
+      await send(113, 116);
       await dialog.accept();
     });
     await page.getByRole("button", { name: "Delete…" }).click();
-    await page.getByText("110 records deleted.").waitFor();
-    assert.match(asked[0], /^Delete all 110 records that match\?/);
+    await page.getByText("113 records deleted.").waitFor();
+    assert.match(asked[0], /^Delete all 113 records that match\?/);
     await settled(page, "1 to 3 of 3 records");
     await close(opened, name);
     await removeAsset(id);
