@@ -217,6 +217,7 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Create asset" }).click();
     await page.getByText("Saving failed: a field is invalid.").waitFor();
     await field(page, "Danger (µm)").getByText("Danger: expected a number").waitFor();
+    assert.ok(await field(page, "Id").getByText("expected an unused id").isHidden(), "nothing was sent");
     await fill(page, { "Danger (µm)": "60" });
     await page.getByRole("button", { name: "Create asset" }).click();
     await field(page, "Id").getByText("Id: expected an unused id").waitFor();
