@@ -67,12 +67,7 @@ pub(super) async fn start_worker(
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
     store.notify(config.recipients);
-    let folders = ServiceFolders {
-        libraries: config.data_dir.join("libraries"),
-        recordings: config.data_dir.join("recordings"),
-        uploads: config.data_dir.join("uploads"),
-        streams: config.data_dir.join("streams"),
-    };
+    let folders = ServiceFolders::in_data_folder(&config.data_dir);
     let role = Role::Worker(cluster.queue_of_worker());
     let service = Service::new(store, folders, &config.work, config.grid, Arc::new(SystemClock), role)
         .map_err(crate::cluster::ClusterError::from)?;

@@ -16,6 +16,12 @@ pub(super) fn print(text: &str) -> Result<(), CliError> {
     }
 }
 
+/// A number of things, for example `1 record` or `2 records`.
+pub(super) fn counted(count: u64, thing: &str) -> String {
+    let ending = if count == 1 { "" } else { "s" };
+    format!("{count} {thing}{ending}")
+}
+
 /// Writes a file under a temporary name, then renames it.
 pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     let temporary = path.with_extension("part");

@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 
 use super::CliError;
-use super::output::print;
+use super::output::{counted, print};
 use super::store_place::{StorePlace, runtime};
 use crate::store::Store;
 
@@ -35,8 +35,11 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), CliError> {
         text += &format!("{finding}\n");
     }
     text += &format!(
-        "{} records, {} raw recordings of {} bytes, {} in quarantine\n",
-        audit.records, audit.objects, audit.bytes, audit.quarantined
+        "{}, {} of {}, {} in quarantine\n",
+        counted(audit.records, "record"),
+        counted(audit.objects, "raw recording"),
+        counted(audit.bytes, "byte"),
+        audit.quarantined
     );
     print(&text)?;
     match audit.found {

@@ -1,6 +1,6 @@
 //! Limits of the service, and its folders.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::library::EnsembleSettings;
@@ -83,4 +83,16 @@ pub struct ServiceFolders {
     pub uploads: PathBuf,
     /// Samples of live streams that are not part of a record yet.
     pub streams: PathBuf,
+}
+
+impl ServiceFolders {
+    /// The folders in a data folder.
+    pub fn in_data_folder(folder: &Path) -> Self {
+        Self {
+            libraries: folder.join("libraries"),
+            recordings: folder.join("recordings"),
+            uploads: folder.join("uploads"),
+            streams: folder.join("streams"),
+        }
+    }
 }

@@ -78,6 +78,9 @@ pub enum StoreError {
     /// Another transaction changed what this one is based on: it has to be prepared again.
     #[error("{0} has changed in the meantime: try again")]
     Outdated(&'static str),
+    /// A thread stopped before its work on the raw objects was done: a bug.
+    #[error("a thread stopped before its work on the raw recordings was done")]
+    ThreadLost,
     /// A stored JSON text cannot be decoded.
     #[error("stored {what} of {of} is damaged: {source}")]
     Damaged {
@@ -157,9 +160,11 @@ impl StoreError {
                 sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
                 _ => false,
             },
-            Self::File { .. } | Self::Bucket { .. } | Self::Outdated(_) | Self::DatabaseDamaged { .. } => {
-                false
-            }
+            Self::File { .. }
+            | Self::Bucket { .. }
+            | Self::Outdated(_)
+            | Self::ThreadLost
+            | Self::DatabaseDamaged { .. } => false,
             _ => true,
         }
     }

@@ -150,29 +150,31 @@ impl Store {
     ) -> Result<T, StoreError> {
         let store = self.clone();
         let done = tokio::task::spawn_blocking(move || work(store.objects())).await;
-        done.unwrap_or(Err(StoreError::Outdated("the thread that works on objects")))
+        done.unwrap_or(Err(StoreError::ThreadLost))
     }
 }
 
 fn new_mark() -> Result<StoreMark, StoreError> {
     let mut random = [0; 8];
     getrandom::fill(&mut random).map_err(|source| {
-        super::objects::file_error("name", "the store".as_ref(), std::io::Error::other(source.to_string()))
+        let source = std::io::Error::other(source.to_string());
+        super::objects::file_error("get a random number for", "the store".as_ref(), source)
     })?;
     Ok(StoreMark { store: hex::encode(random), generation: 0 })
 }
 
-fn reason(mine: &StoreMark, among: &StoreMark) -> Option<String> {
+/// How the mark of a database differs from that of objects, so that it is not theirs or older.
+pub(super) fn reason(mine: &StoreMark, among: &StoreMark) -> Option<String> {
     if mine.store != among.store {
         return Some(format!(
-            "the raw recordings belong to store {}, the database belongs to store {}: it is new or that of another store; \
+            "the raw recordings belong to store {}, the database belongs to store {}: the database is new or belongs to another store; \
                          add the missing records with `flankwatch rebuild`",
             among.store, mine.store
         ));
     }
     (mine.generation < among.generation).then(|| {
         format!(
-            "the raw recordings have generation {}, the database has generation {}: it is older than they are; \
+            "the raw recordings have generation {}, the database has generation {}: the database is older than the recordings; \
                          add the missing records with `flankwatch rebuild`",
             among.generation, mine.generation
         )

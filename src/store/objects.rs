@@ -19,7 +19,7 @@ use ring::digest::{SHA256, digest};
 use super::StoreError;
 
 pub use disk::{Disk, SystemDisk};
-pub(super) use folder::file_error;
+pub(super) use folder::{file_error, if_exists};
 pub use mark::StoreMark;
 pub use notes::{AssetNote, RecordNote, RemovalNote};
 pub use quarantine::Quarantined;

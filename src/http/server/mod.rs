@@ -173,12 +173,10 @@ async fn start_as(
     let listen_error = |source| StartError::Listen { address: config.listen, source };
     let listener = listener.map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
-    let folders = ServiceFolders {
-        libraries: config.data_dir.join("libraries"),
-        recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
-        uploads: config.data_dir.join("uploads"),
-        streams: config.data_dir.join("streams"),
-    };
+    let mut folders = ServiceFolders::in_data_folder(&config.data_dir);
+    if let Some(recordings) = config.replay_dir {
+        folders.recordings = recordings;
+    }
     let uploads = folders.uploads.clone();
     let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
     let events = match shared {

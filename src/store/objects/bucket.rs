@@ -127,7 +127,7 @@ impl Bucket {
         match self.runtime.block_on(self.store.head(&path)) {
             Ok(found) => Ok(Some(timestamp(&found))),
             Err(Error::NotFound { .. }) => Ok(None),
-            Err(error) => Err(bucket_error("look at", path.as_ref(), error)),
+            Err(error) => Err(bucket_error("read the metadata of", path.as_ref(), error)),
         }
     }
 

@@ -77,7 +77,11 @@ impl Folder {
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut random = [0; 8];
         getrandom::fill(&mut random).map_err(|source| {
-            file_error("name a folder in", &folder, std::io::Error::other(source.to_string()))
+            file_error(
+                "get a random number for a folder in",
+                &folder,
+                std::io::Error::other(source.to_string()),
+            )
         })?;
         let temporary = folder.join("tmp").join(hex::encode(random));
         let opened = Self { is_shared: true, ..Self::new(folder, temporary, Arc::new(SystemDisk)) };
@@ -121,7 +125,7 @@ impl Folder {
     /// The size of an object; `None` if it does not exist.
     pub(super) fn size(&self, name: &str) -> Result<Option<u64>, StoreError> {
         let path = self.path(name);
-        Ok(if_exists("look at", &path, fs::metadata(&path))?.map(|metadata| metadata.len()))
+        Ok(if_exists("read the metadata of", &path, fs::metadata(&path))?.map(|metadata| metadata.len()))
     }
 
     /// The first bytes of the names of existing objects and notes.
@@ -176,7 +180,7 @@ impl Folder {
     /// When a file was last written; `None` if it does not exist.
     pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
         let path = self.folder.join(path);
-        Ok(if_exists("look at", &path, fs::metadata(&path))?.as_ref().map(written_at))
+        Ok(if_exists("read the metadata of", &path, fs::metadata(&path))?.as_ref().map(written_at))
     }
 
     /// Lists all files under a path, including those in subfolders.
@@ -292,7 +296,11 @@ impl Folder {
 }
 
 /// The result of an action on a path; `None` if the path does not exist.
-fn if_exists<T>(action: &'static str, path: &Path, result: io::Result<T>) -> Result<Option<T>, StoreError> {
+pub(in crate::store) fn if_exists<T>(
+    action: &'static str,
+    path: &Path,
+    result: io::Result<T>,
+) -> Result<Option<T>, StoreError> {
     match result {
         Ok(value) => Ok(Some(value)),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

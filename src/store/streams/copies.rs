@@ -12,7 +12,7 @@ use std::time::SystemTime;
 
 use super::levels::OLDER_LEVELS;
 use crate::store::StoreError;
-use crate::store::objects::file_error;
+use crate::store::objects::{file_error, if_exists};
 
 /// Folder of the streams in a data folder and in a backup.
 const STREAMS: &str = "streams";
@@ -142,10 +142,7 @@ fn names_in(folder: &Path) -> io::Result<Vec<OsString>> {
 }
 
 fn remove_all(folder: &Path) -> Result<(), StoreError> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", folder, error)),
-        _ => Ok(()),
-    }
+    if_exists("remove", folder, fs::remove_dir_all(folder)).map(drop)
 }
 
 fn sync(folder: &Path) -> io::Result<()> {

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use bytes::{Bytes, BytesMut};
 
 use super::entry::{JournalEntry, ReadEntry};
-use crate::store::objects::file_error;
+use crate::store::objects::{file_error, if_exists};
 use crate::store::{Disk, StoreError};
 
 /// File size in bytes at which a new file is started.
@@ -123,12 +123,8 @@ impl StreamJournal {
             && oldest.end.is_none_or(|end| end <= index)
         {
             let path = path_of(&self.folder, oldest.number);
-            match self.disk.remove_file(&path) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                    return Err(file_error("remove", &path, error));
-                }
-                _ => self.files.pop_front(),
-            };
+            if_exists("remove", &path, self.disk.remove_file(&path))?;
+            self.files.pop_front();
         }
         Ok(())
     }

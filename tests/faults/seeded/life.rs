@@ -57,12 +57,7 @@ impl Life {
                 let running = start_on(config, store, on_clock).await.unwrap();
                 return (Arc::clone(running.service()), Some(running));
             }
-            let folders = ServiceFolders {
-                libraries: folder.join("libraries"),
-                recordings: folder.join("recordings"),
-                uploads: folder.join("uploads"),
-                streams: folder.join("streams"),
-            };
+            let folders = ServiceFolders::in_data_folder(&folder);
             let service =
                 Service::new(store, folders, &config.work, config.grid, on_clock, Role::Standalone).unwrap();
             service.resume().await.unwrap();
