@@ -1,5 +1,6 @@
 //! Exclusion of records from the histories by users, for example those of a test run or of maintenance work.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::error::ServiceError;
@@ -23,21 +24,12 @@ pub struct Exclusions {
 impl Exclusions {
     /// Excludes one record from its history, or includes it again.
     pub async fn set_one(&self, segment: &Segment, is_excluded: bool) -> Result<u64, ServiceError> {
-        self.set(&segment.asset_id, &RecordRange::of(segment), is_excluded).await
-    }
-
-    /// Excludes records of an asset from its histories, or includes them again.
-    pub async fn set(
-        &self,
-        asset: &AssetId,
-        range: &RecordRange,
-        is_excluded: bool,
-    ) -> Result<u64, ServiceError> {
-        self.set_each(asset, std::slice::from_ref(range), is_excluded).await
+        self.set_each(&segment.asset_id, &[RecordRange::of(segment)], is_excluded).await
     }
 
     /// Excludes records of several ranges, or includes them again, for the asset and the other assets of its
     /// sensor; returns how many records of the asset changed. Histories are folded again in the background.
+    /// After an error, a repeat completes what is left.
     ///
     /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn set_each(
@@ -47,29 +39,39 @@ impl Exclusions {
         is_excluded: bool,
     ) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
-        let mut count = 0;
-        let mut changed = Vec::new();
-        {
-            let _pause = self.committer.pause().await;
-            for spec in group.specs() {
-                let mut marked = 0;
-                for range in ranges {
-                    marked += self.store.set_excluded(&spec.id, range, is_excluded).await?;
-                }
-                if spec.id == *asset {
-                    count = marked;
-                }
-                if marked > 0 {
-                    changed.push(spec.id.clone());
-                }
+        let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
+        let mut changed = BTreeMap::new();
+        let marked = self.mark(&assets, ranges, is_excluded, &mut changed).await;
+        // Also after an error, and if nothing changed: an earlier attempt may have failed in between.
+        for asset in &assets {
+            self.raw.note_changed_asset(asset).await;
+            let count = changed.get(asset).copied().unwrap_or(0);
+            if count > 0 {
+                tracing::info!(%asset, is_excluded, count, "changed the exclusion of records");
+            }
+            if count > 0 || marked.is_err() {
+                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
             }
         }
-        for asset in &changed {
-            tracing::info!(%asset, is_excluded, "changed the exclusion of records");
-            self.raw.note_changed_asset(asset).await;
-            self.events.announce(LiveEvent::AssetChanged(asset.clone()));
+        self.history.recompute_in_background(assets);
+        marked.map(|()| changed.remove(asset).unwrap_or(0))
+    }
+
+    /// Marks the records of assets as excluded or not, and adds the numbers of changed ones to `changed`.
+    async fn mark(
+        &self,
+        assets: &[AssetId],
+        ranges: &[RecordRange],
+        is_excluded: bool,
+        changed: &mut BTreeMap<AssetId, u64>,
+    ) -> Result<(), ServiceError> {
+        let _pause = self.committer.pause().await;
+        for asset in assets {
+            for range in ranges {
+                let count = self.store.set_excluded(asset, range, is_excluded).await?;
+                *changed.entry(asset.clone()).or_default() += count;
+            }
         }
-        self.history.recompute_in_background(changed);
-        Ok(count)
+        Ok(())
     }
 }

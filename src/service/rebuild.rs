@@ -108,7 +108,7 @@ impl Service {
         if with_removed {
             let ids: Vec<SegmentId> = self.removal_times().await?.into_keys().collect();
             let stored = self.store.known_segments(&ids).await?;
-            self.on_objects(move |objects| objects.note_restored(&stored)).await?;
+            self.on_objects(move |objects| objects.note_restored(&stored, |_| true)).await?;
         }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;

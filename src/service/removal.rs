@@ -28,63 +28,94 @@ pub struct Removals {
 impl Removals {
     /// Removes a record as if it had never been received.
     pub async fn remove_one(&self, segment: &Segment) -> Result<u64, ServiceError> {
-        self.remove(&segment.asset_id, &RecordRange::of(segment)).await
+        self.remove_each(&segment.asset_id, &[RecordRange::of(segment)]).await
     }
 
-    /// Removes records of an asset as if they had never been received.
-    pub async fn remove(&self, asset: &AssetId, range: &RecordRange) -> Result<u64, ServiceError> {
-        self.remove_each(asset, std::slice::from_ref(range)).await
-    }
-
-    /// Removes the records of several ranges from an asset and from the other assets of its sensor; returns
-    /// the number removed from the asset. Raw recordings are moved into quarantine, and histories are
-    /// recomputed in the background.
+    /// Removes the records of several ranges from an asset and from the other assets of its sensor, as if they
+    /// had never been received; returns the number removed from the asset. Raw recordings are moved into
+    /// quarantine, and histories are recomputed in the background. After an error, a repeat completes what is
+    /// left.
     ///
     /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn remove_each(&self, asset: &AssetId, ranges: &[RecordRange]) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
         let mut count = 0;
+        let mut removed = Ok(());
         for range in ranges {
-            count += self.remove_range(asset, &assets, range).await?;
+            removed = self.remove_range(asset, &assets, range, &mut count).await;
+            if removed.is_err() {
+                break;
+            }
         }
         if count > 0 {
             tracing::info!(%asset, count, "removed records");
-            for asset in &assets {
+        }
+        // Also after an error, and if nothing was left: an earlier attempt may have failed in between.
+        for asset in &assets {
+            self.raw.note_changed_asset(asset).await;
+            if count > 0 || removed.is_err() {
                 self.events.announce(LiveEvent::AssetChanged(asset.clone()));
             }
-            self.history.recompute_in_background(assets);
         }
-        Ok(count)
+        self.history.recompute_in_background(assets);
+        removed.map(|()| count)
     }
 
+    /// Removes the records of a range, and adds the number removed from the asset to `count`.
     async fn remove_range(
         &self,
         asset: &AssetId,
         assets: &[AssetId],
         range: &RecordRange,
-    ) -> Result<u64, ServiceError> {
-        let mut count = 0;
+        count: &mut u64,
+    ) -> Result<(), ServiceError> {
         loop {
             let _exclusive = self.raw.exclusive().await;
             let _pause = self.committer.pause().await;
-            let (mut segments, mut orphans) = (Vec::new(), Vec::new());
-            // The owner of the sensor comes last: once its records are gone, those of the others would not be
-            // looked for again.
-            for of in assets.iter().rev() {
-                let removed = self.store.remove_records(of, range, AT_ONCE).await?;
-                if of == asset {
-                    count += removed.segments.len() as u64;
+            match self.remove_some(asset, assets, range, count).await {
+                Ok(true) => {}
+                Ok(false) => return Ok(()),
+                Err(error) => {
+                    if let Err(error) = self.raw.forget_failed_removals().await {
+                        tracing::warn!(%asset, %error, "failed to withdraw the note of a failed removal");
+                    }
+                    return Err(error);
                 }
-                segments.extend(removed.segments);
-                orphans.extend(removed.orphans);
             }
-            if segments.is_empty() {
-                break;
-            }
-            self.raw.note_removal(RemovalNote { removed_at: self.clock.now(), segments }).await?;
-            self.raw.quarantine(orphans).await?;
         }
-        Ok(count)
+    }
+
+    /// Removes the earliest records of a range; returns whether there were any.
+    async fn remove_some(
+        &self,
+        asset: &AssetId,
+        assets: &[AssetId],
+        range: &RecordRange,
+        count: &mut u64,
+    ) -> Result<bool, ServiceError> {
+        let mut segments = Vec::new();
+        for of in assets {
+            segments.extend(self.store.records_in(of, range, AT_ONCE).await?);
+        }
+        if segments.is_empty() {
+            return Ok(false);
+        }
+        // Before the rows go: without the note a rebuild would bring the records back, and a repeat would not
+        // find them any more.
+        let note = RemovalNote { removed_at: self.clock.now(), segments: segments.clone() };
+        self.raw.note_removal(note).await?;
+        let mut orphans = Vec::new();
+        // The owner of the sensor comes last: once its records are gone, those of the others would not be
+        // looked for again.
+        for of in assets.iter().rev() {
+            let removed = self.store.remove_records(of, &segments).await?;
+            if of == asset {
+                *count += removed.segments.len() as u64;
+            }
+            orphans.extend(removed.orphans);
+        }
+        self.raw.quarantine(orphans).await?;
+        Ok(true)
     }
 }

@@ -1,7 +1,9 @@
 //! Deleted and excluded records, chosen baselines, and rejected values.
 
+use flankwatch::asset::{AssetId, SegmentId};
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::signal::Record;
+use flankwatch::store::RecordRange;
 use serde_json::{Value, json};
 
 use crate::command::flankwatch;
@@ -364,4 +366,56 @@ fn the_baseline_can_be_chosen_by_time_range() {
     let events = service.get("/v1/assets/pump/maintenance").expect(200).json();
     assert_eq!(events["items"].as_array().unwrap().len(), 1, "{events}");
     take_back(&events["items"][0]);
+}
+
+/// Makes writes into a folder of notes fail until the returned function is called.
+fn block(service: &Service, folder: &str) -> impl FnOnce() + use<> {
+    let path = service.folder().join("raw").join(folder);
+    let aside = path.with_extension("aside");
+    let was_there = std::fs::rename(&path, &aside).is_ok();
+    std::fs::write(&path, b"").unwrap();
+    move || {
+        std::fs::remove_file(&path).unwrap();
+        if was_there {
+            std::fs::rename(&aside, &path).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_removal_whose_note_cannot_be_written_is_completed_by_a_repeat() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segments: Vec<Value> = (0..3).map(|n| service.upload("pump", &record("1", n))).collect();
+    let range = "/v1/assets/pump/segments?to=2026-01-01T00:01:30Z";
+    let unblock = block(&service, "removed");
+    let answer = service.delete(range);
+    assert!(answer.status >= 500, "{}", answer.status);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 3);
+    unblock();
+    assert_eq!(service.delete(range).expect(200).json(), json!({ "deleted": 2 }));
+    let notes = service.service().store.objects().removals().unwrap();
+    let mut removed: Vec<String> =
+        notes.into_iter().flat_map(|note| note.segments).map(|segment| segment.0).collect();
+    removed.sort_unstable();
+    let mut expected: Vec<&str> =
+        segments[..2].iter().map(|segment| segment["id"].as_str().unwrap()).collect();
+    expected.sort_unstable();
+    assert_eq!(removed, expected);
+}
+
+#[test]
+fn an_exclusion_whose_note_cannot_be_written_is_noted_by_a_repeat() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let id = service.upload("pump", &record("1", 0))["id"].as_str().unwrap().to_owned();
+    let asset = AssetId::new("pump").unwrap();
+    let range = [RecordRange::default()];
+    let exclude = || service.run(service.service().exclusions.set_each(&asset, &range, true)).unwrap();
+    let unblock = block(&service, "assets");
+    assert_eq!(exclude(), 1);
+    unblock();
+    assert_eq!(exclude(), 0);
+    let note = service.service().store.objects().asset_note(&asset).unwrap().unwrap();
+    assert_eq!(note.excluded, [SegmentId(id)]);
 }

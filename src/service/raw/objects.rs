@@ -135,6 +135,33 @@ impl RawObjects {
         Ok(blocking("write the note of a removal", move || store.objects().put_removal(&removal)).await??)
     }
 
+    /// Takes records that are stored out of the notes of removed ones: their removal failed, or they were sent
+    /// again. On a shared store only out of notes old enough that no process is still removing the records.
+    /// The caller holds the [`exclusive`](Self::exclusive) lock.
+    pub(crate) async fn forget_failed_removals(&self) -> Result<(), ServiceError> {
+        // An older database has records that were removed since.
+        if self.store.removal_hold().is_some() {
+            return Ok(());
+        }
+        let store = self.store.clone();
+        let list = move || -> Result<_, StoreError> {
+            let notes = store.objects().removals()?;
+            Ok(notes.into_iter().flat_map(|note| note.segments).collect::<Vec<_>>())
+        };
+        let removed = blocking("read the notes of removals", list).await??;
+        let stored = self.store.known_segments(&removed).await?;
+        if stored.is_empty() {
+            return Ok(());
+        }
+        let store = self.store.clone();
+        let forget = move || {
+            let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
+            let is_old_enough = |removed_at| age.as_ref().is_none_or(|age| age.is_old_enough(removed_at));
+            store.objects().note_restored(&stored, is_old_enough)
+        };
+        Ok(blocking("write the notes of removals", forget).await??)
+    }
+
     /// Protects objects of these names, which may exist already or not, from removal until the returned guard
     /// is dropped.
     pub(crate) async fn uncommitted(self: &Arc<Self>, mut names: Vec<String>) -> UncommittedObjects {
@@ -161,6 +188,10 @@ impl RawObjects {
     pub(crate) async fn sweep(&self) -> Result<(), ServiceError> {
         if self.store.check_marks().await?.is_some() {
             return Ok(());
+        }
+        {
+            let _exclusive = self.exclusive().await;
+            self.forget_failed_removals().await?;
         }
         let (objects, bytes) = self.quarantine_orphans().await?;
         if objects > 0 {

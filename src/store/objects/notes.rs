@@ -183,10 +183,17 @@ impl Objects {
         Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Takes segments out of the notes of removed records, because they are stored again.
-    pub fn note_restored(&self, restored: &HashSet<SegmentId>) -> Result<(), StoreError> {
+    /// Takes segments out of those notes of removed records that are old enough, because they are stored.
+    pub fn note_restored(
+        &self,
+        restored: &HashSet<SegmentId>,
+        is_old_enough: impl Fn(Timestamp) -> bool,
+    ) -> Result<(), StoreError> {
         for file in self.files(REMOVED)? {
             let Some(note) = self.read::<RemovalNote>(&file.path)? else { continue };
+            if !is_old_enough(note.removed_at) {
+                continue;
+            }
             let (removed_at, mut segments) = (note.removed_at, note.segments);
             let count = segments.len();
             segments.retain(|segment| !restored.contains(segment));
@@ -277,7 +284,10 @@ mod tests {
             segments: names.into_iter().map(segment).collect(),
         });
         notes.iter().for_each(|note| objects.put_removal(note).unwrap());
-        objects.note_restored(&["b", "c", "e"].into_iter().map(segment).collect()).unwrap();
+        let restored = ["b", "c", "e"].into_iter().map(segment).collect();
+        objects.note_restored(&restored, |_| false).unwrap();
+        assert_eq!(objects.removals().unwrap().len(), notes.len());
+        objects.note_restored(&restored, |_| true).unwrap();
         let mut left: Vec<_> = objects.removals().unwrap().into_iter().map(|note| note.segments).collect();
         left.sort_unstable_by(|one, other| one[0].0.cmp(&other[0].0));
         assert_eq!(left, [[segment("a")], [segment("d")]]);

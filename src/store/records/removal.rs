@@ -52,27 +52,56 @@ struct RemovableRecord {
 }
 
 impl Store {
-    /// Removes up to `limit` records of each channel of an asset, the earliest first, with all their results.
-    /// Marks the histories that contained them for folding again.
+    /// Up to `limit` records of each channel of an asset, the earliest first.
+    pub async fn records_in(
+        &self,
+        asset: &AssetId,
+        range: &RecordRange,
+        limit: u32,
+    ) -> Result<Vec<SegmentId>, StoreError> {
+        let mut channels = self.channels(asset).await?;
+        channels.retain(|channel| range.channel.as_ref().is_none_or(|name| *name == channel.channel));
+        let mut found = Vec::new();
+        for channel in &channels {
+            // Read through the write connection, because a replica may still have removed records.
+            let rows = sqlx::query(
+                "SELECT id FROM segments
+                 WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
+                 ORDER BY start_time_ns, id LIMIT $5",
+            )
+            .bind(channel.channel_no)
+            .bind(range.from.map_or(Ok(i64::MIN), to_ns)?)
+            .bind(range.to.map_or(Ok(i64::MAX), to_ns)?)
+            .bind(range.raw_sha256.as_deref().unwrap_or_default())
+            .bind(i64::from(limit))
+            .fetch_all(self.write())
+            .await?;
+            for row in &rows {
+                found.push(SegmentId(get(row, "id")?));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Removes those of these records that an asset has, with all their results. Marks the histories that
+    /// contained them for folding again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_records(
         &self,
         asset: &AssetId,
-        range: &RecordRange,
-        limit: u32,
+        ids: &[SegmentId],
     ) -> Result<RemovedRecords, StoreError> {
         let mut commit = self.begin().await?;
         commit.asset(asset).await?;
         let mut channels = self.channels(asset).await?;
-        channels.retain(|channel| range.channel.as_ref().is_none_or(|name| *name == channel.channel));
         channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         let mut removed = RemovedRecords::default();
         let mut names = BTreeSet::new();
         for channel in &channels {
             let channel = commit.channel_again(channel).await?;
-            let records = commit.records_in(&channel, range, limit).await?;
-            let Some(first) = records.first().map(|record| record.key.clone()) else {
+            let records = commit.records_among(&channel, ids).await?;
+            let Some(first) = records.iter().map(|record| &record.key).min().cloned() else {
                 continue;
             };
             for record in &records {
@@ -95,34 +124,30 @@ impl Store {
 }
 
 impl Commit {
-    async fn records_in(
+    async fn records_among(
         &mut self,
         channel: &ChannelSummary,
-        range: &RecordRange,
-        limit: u32,
+        ids: &[SegmentId],
     ) -> Result<Vec<RemovableRecord>, StoreError> {
-        let rows = sqlx::query(
-            "SELECT id, start_time_ns, raw_sha256 FROM segments
-             WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
-             ORDER BY start_time_ns, id LIMIT $5",
-        )
-        .bind(channel.channel_no)
-        .bind(range.from.map_or(Ok(i64::MIN), to_ns)?)
-        .bind(range.to.map_or(Ok(i64::MAX), to_ns)?)
-        .bind(range.raw_sha256.as_deref().unwrap_or_default())
-        .bind(i64::from(limit))
-        .fetch_all(&mut *self.transaction)
-        .await?;
-        let records = rows.iter().map(|row| {
-            Ok(RemovableRecord {
-                key: SegmentKey {
-                    start_time: from_ns(get(row, "start_time_ns")?),
-                    id: SegmentId(get(row, "id")?),
-                },
-                raw_sha256: get(row, "raw_sha256")?,
-            })
-        });
-        records.collect()
+        let mut records = Vec::new();
+        for chunk in ids.chunks(500) {
+            let text = format!(
+                "SELECT id, start_time_ns, raw_sha256 FROM segments WHERE channel_no = $1 AND id IN ({})",
+                placeholders(2, chunk.len())
+            );
+            let mut query = sqlx::query(&text).bind(channel.channel_no);
+            for id in chunk {
+                query = query.bind(id.0.as_str());
+            }
+            for row in query.fetch_all(&mut *self.transaction).await? {
+                let start_time = from_ns(get(&row, "start_time_ns")?);
+                records.push(RemovableRecord {
+                    key: SegmentKey { start_time, id: SegmentId(get(&row, "id")?) },
+                    raw_sha256: get(&row, "raw_sha256")?,
+                });
+            }
+        }
+        Ok(records)
     }
 
     /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel

@@ -189,8 +189,10 @@ async fn make(
                 Accepted::Queued(_) => panic!("there is no queue"),
             }))
         }
-        Change::Delete => service.removals.remove(&id, &range).await.map(|_| None),
-        Change::Exclude(is_excluded) => service.exclusions.set(&id, &range, is_excluded).await.map(|_| None),
+        Change::Delete => service.removals.remove_each(&id, &[range]).await.map(|_| None),
+        Change::Exclude(is_excluded) => {
+            service.exclusions.set_each(&id, &[range], is_excluded).await.map(|_| None)
+        }
     }
 }
 
