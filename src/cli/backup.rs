@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::CliError;
-use super::output::print;
+use super::output::{counted, print};
 use super::store_place::{StorePlace, runtime};
 use crate::store::{Copied, back_up, put_back};
 
@@ -34,7 +34,8 @@ pub(super) struct RestoreArgs {
 
 pub(super) fn back_up_folder(args: &BackupArgs) -> Result<(), CliError> {
     let folder = args.place.folder(INSTEAD)?;
-    report(&runtime()?.block_on(back_up(&folder, &args.to))?)
+    let quarantined_for = args.place.resolve()?.0.service.work.quarantined_for;
+    report(&runtime()?.block_on(back_up(&folder, &args.to, quarantined_for))?)
 }
 
 pub(super) fn restore(args: &RestoreArgs) -> Result<(), CliError> {
@@ -47,9 +48,12 @@ fn report(copied: &Copied) -> Result<(), CliError> {
     for failed in &copied.failed {
         text += &format!("failed to copy: {failed}\n");
     }
-    text += &format!("{} raw recordings, {} of them new\n", copied.objects, copied.new);
+    text += &format!("{}, {} of them new\n", counted(copied.objects, "raw recording"), copied.new);
+    if copied.unreferenced > 0 {
+        text += &format!("{} moved into quarantine\n", counted(copied.unreferenced, "raw recording"));
+    }
     if copied.streams > 0 {
-        text += &format!("{} live streams\n", copied.streams);
+        text += &format!("{}\n", counted(copied.streams, "live stream"));
     }
     print(&text)?;
     match copied.failed.len() {

@@ -124,8 +124,15 @@ impl Store {
             after = get(last, "id")?;
             for row in &rows {
                 let segment = SegmentId(get(row, "id")?);
+                let found = self.segment(&segment).await;
+                // A running service may have deleted it in the meantime.
+                if matches!(found, Ok(None))
+                    && self.known_segments(std::slice::from_ref(&segment)).await?.is_empty()
+                {
+                    continue;
+                }
                 audit.records += 1;
-                let why = match self.segment(&segment).await {
+                let why = match found {
                     Ok(Some(_)) => continue,
                     Ok(None) => "its analysis or estimate is missing".to_owned(),
                     Err(error) => error.to_string(),

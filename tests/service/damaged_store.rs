@@ -30,7 +30,7 @@ fn with_copy() -> Option<(Service, TempDir)> {
     // The copy includes what is still in the log.
     let copy = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();
+    runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path(), Duration::MAX)).unwrap();
     Some((service, copy))
 }
 

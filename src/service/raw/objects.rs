@@ -95,6 +95,7 @@ impl RawObjects {
             Ok(asset) => Some(AssetNote {
                 spec: asset.spec,
                 created_at: asset.created_at,
+                updated_at: asset.updated_at,
                 maintenance: self.store.maintenance(id).await?,
                 excluded: self.store.excluded(id).await?,
             }),

@@ -49,6 +49,9 @@ pub struct AssetNote {
     pub spec: AssetSpec,
     /// When it was created.
     pub created_at: Timestamp,
+    /// When the description last changed.
+    #[serde(default)]
+    pub updated_at: Timestamp,
     /// The maintenance events.
     #[serde(default)]
     pub maintenance: Vec<MaintenanceEvent>,
@@ -152,8 +155,8 @@ impl Objects {
         Ok(notes.collect::<Result<Vec<Option<AssetNote>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Copies all notes to other objects; existing notes of assets are replaced.
-    pub(in crate::store) fn copy_notes(&self, to: &Self) -> Result<(), StoreError> {
+    /// Copies all notes to other objects; existing notes of assets are replaced if these are newer.
+    pub(in crate::store) fn copy_notes(&self, to: &Self, are_newer: bool) -> Result<(), StoreError> {
         let mut paths: Vec<String> = Vec::new();
         for shard in self.shards()? {
             paths.extend(self.note_paths(shard)?.into_iter().map(|(_, path)| path));
@@ -163,8 +166,25 @@ impl Objects {
         }
         for path in paths {
             let Some(bytes) = self.file(&path)? else { continue };
-            if to.file(&path)?.is_none() || path.starts_with(ASSETS) {
+            if to.file(&path)?.is_none() || (are_newer && path.starts_with(ASSETS)) {
                 to.put_file(&path, bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the notes of assets and of removed records that other objects do not have; those of `assets`
+    /// are kept.
+    pub(in crate::store) fn remove_notes_missing_in(
+        &self,
+        of: &Self,
+        assets: &[String],
+    ) -> Result<(), StoreError> {
+        let mut kept: HashSet<String> = assets.iter().map(|id| format!("{ASSETS}/{id}.json")).collect();
+        for folder in [ASSETS, REMOVED] {
+            kept.extend(of.files(folder)?.into_iter().map(|file| file.path));
+            for file in self.files(folder)?.into_iter().filter(|file| !kept.contains(&file.path)) {
+                self.remove_file(&file.path)?;
             }
         }
         Ok(())
