@@ -8,7 +8,7 @@ use clap::Args;
 use jiff::Timestamp;
 
 use super::CliError;
-use super::output::print;
+use super::output::{counted, print};
 use super::serve_error::ServeError;
 use super::store_place::{StorePlace, runtime};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
@@ -43,12 +43,7 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
     }
     let rebuilt = runtime()?.block_on(async {
         let store = Store::open_to_rebuild(&settings).await?;
-        let folders = ServiceFolders {
-            libraries: config.data_dir.join("libraries"),
-            recordings: config.data_dir.join("recordings"),
-            uploads: config.data_dir.join("uploads"),
-            streams: config.data_dir.join("streams"),
-        };
+        let folders = ServiceFolders::in_data_folder(&config.data_dir);
         let service = Service::new(
             store.clone(),
             folders,
@@ -71,9 +66,12 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
         text += &format!("failed to import: {failure}\n");
     }
     text += &format!(
-        "imported {} assets and {} records; skipped {} existing, {} deleted, {} without a raw recording, {} without an asset\n",
-        rebuilt.assets,
-        rebuilt.records,
+        "imported {} and {}, updated {}, deleted {}; skipped {} existing, {} deleted, {} without a raw recording, \
+         {} without an asset\n",
+        counted(rebuilt.assets, "asset"),
+        counted(rebuilt.records, "record"),
+        counted(rebuilt.updated, "asset"),
+        counted(rebuilt.removed_again, "record"),
         rebuilt.known,
         rebuilt.removed,
         rebuilt.without_raw,

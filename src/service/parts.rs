@@ -78,7 +78,7 @@ pub struct Service {
     /// The role of this process.
     pub role: Role,
     clock: Arc<dyn Clock>,
-    raw: Arc<RawObjects>,
+    pub(super) raw: Arc<RawObjects>,
     retention: Arc<Retention>,
     catch_up: Arc<CatchUp>,
     upkeep_interval: Duration,

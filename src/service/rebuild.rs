@@ -10,7 +10,10 @@ use super::parts::Service;
 use super::work_queue::QueuedRecord;
 use super::workers::blocking;
 use crate::asset::{AssetId, SegmentId};
-use crate::store::{AssetNote, Objects, RecordNote, StoreError, StoredEvent};
+use crate::store::{AssetNote, Objects, RecordNote, RecordRange, StoreError, StoredEvent};
+
+/// Records looked up or removed in one transaction.
+const IN_ONE_TRANSACTION: usize = 200;
 
 /// Records ingested concurrently: they share a transaction and its wait for the disk.
 const AT_ONCE: usize = 8;
@@ -23,6 +26,10 @@ const MAX_FAILURES: usize = 20;
 pub struct Rebuilt {
     /// Assets created.
     pub assets: u64,
+    /// Assets that existed, and got a later description, events or exclusions.
+    pub updated: u64,
+    /// Records of an older database that users had removed since, and that were removed again.
+    pub removed_again: u64,
     /// Records that were in the database already.
     pub known: u64,
     /// Records ingested.
@@ -39,29 +46,60 @@ pub struct Rebuilt {
     pub failures: Vec<String>,
 }
 
+/// What a rebuild did about an asset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Restored {
+    New,
+    Updated,
+    Unchanged,
+}
+
+/// The last removal of a record by users.
+#[derive(Debug)]
+struct Removal {
+    at: Timestamp,
+    /// When the record was last received, by its notes; those of an asset that shares a sensor have none.
+    received: Option<Timestamp>,
+}
+
+impl Removal {
+    /// Whether it includes a stored record that was received at a time: it was not sent again later.
+    fn includes(&self, received_at: Timestamp) -> bool {
+        self.received.unwrap_or(received_at).max(received_at) <= self.at
+    }
+}
+
 impl Service {
     /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
-    /// records in the order of time. `on_progress` is called with the number of records done and the total.
-    /// If none fails, the database then counts as the one that the raw recordings belong to.
+    /// records in the order of time. Assets that exist get the later descriptions, events and exclusions of
+    /// their notes. `on_progress` is called with the number of records done and the total. If none fails, the
+    /// database then counts as the one that the raw recordings belong to. After an interruption or a failure a
+    /// repeat completes the rest. Histories are recomputed after the next start.
     ///
-    /// Records that users removed are skipped; `with_removed` they are ingested, and no longer noted as
-    /// removed.
+    /// Records that users removed are skipped, and removed from a database that is older than the recordings;
+    /// `with_removed` they are ingested, and no longer noted as removed.
     pub async fn rebuild(
         &self,
         with_removed: bool,
         on_progress: impl Fn(usize, usize),
     ) -> Result<Rebuilt, ServiceError> {
         let mut rebuilt = Rebuilt::default();
+        // The notes of removals are newer than a database whose mark differs from that of the objects. In the
+        // matching database, a record that is noted as removed is one whose removal failed.
+        let is_older = self.store.removal_hold().is_some();
         let mut assets = self.on_objects(Objects::asset_notes).await?;
         // Owners of a shared sensor come before the assets that share it.
         assets.sort_by_key(|note| note.spec.sensor.of.is_some());
-        let mut excluded: HashSet<SegmentId> = HashSet::new();
-        for note in assets {
-            excluded.extend(note.excluded.iter().cloned());
-            rebuilt.assets += u64::from(self.restore_asset(note).await?);
+        let mut updated: HashSet<AssetId> = HashSet::new();
+        for note in &assets {
+            match self.restore_asset(note).await? {
+                Restored::New => rebuilt.assets += 1,
+                Restored::Updated => drop(updated.insert(note.spec.id.clone())),
+                Restored::Unchanged => {}
+            }
         }
-        let removed = if with_removed { HashMap::new() } else { self.removal_times().await? };
-        let notes = self.missing_records(&removed, &mut rebuilt).await?;
+        let mut removed = if with_removed { HashMap::new() } else { self.removal_times().await? };
+        let notes = self.missing_records(&mut removed, &mut rebuilt).await?;
         let all = notes.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
         let mut missing = Vec::new();
@@ -100,11 +138,13 @@ impl Service {
                 }
             }
         }
-        for record in missing.iter().filter(|record| excluded.contains(&record.id)) {
-            if let Some(segment) = self.store.segment(&record.id).await? {
-                self.exclusions.set_one(&segment, true).await?;
+        for note in &assets {
+            if self.exclude_noted(note).await? {
+                updated.insert(note.spec.id.clone());
             }
         }
+        rebuilt.updated = updated.len() as u64;
+        let orphans = if is_older { self.remove_again(&removed, &mut rebuilt).await? } else { Vec::new() };
         if with_removed {
             let ids: Vec<SegmentId> = self.removal_times().await?.into_keys().collect();
             let stored = self.store.known_segments(&ids).await?;
@@ -112,24 +152,84 @@ impl Service {
         }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
+            let _exclusive = self.raw.exclusive().await;
+            self.raw.quarantine(orphans).await?;
         }
         Ok(rebuilt)
     }
 
-    /// Restores an asset and its maintenance events; returns whether it was missing.
-    async fn restore_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
-        let id = note.spec.id.clone();
-        match self.store.insert_asset(&note.spec, None, note.created_at).await {
-            Ok(_) => {}
-            Err(StoreError::AssetExists(_)) => return Ok(false),
+    /// Adds to the database what it is missing of an asset: the asset, a later description, events. An event
+    /// that the note does not have stays, because the database may have got it since.
+    async fn restore_asset(&self, note: &AssetNote) -> Result<Restored, ServiceError> {
+        let id = &note.spec.id;
+        let (asset, mut restored) = match self.store.insert_asset(&note.spec, None, note.created_at).await {
+            Ok(asset) => (asset, Restored::New),
+            Err(StoreError::AssetExists(_)) => (self.store.asset(id).await?, Restored::Unchanged),
             Err(error) => return Err(error.into()),
+        };
+        let known = self.store.maintenance(id).await?;
+        let events: Vec<_> = note.maintenance.iter().filter(|event| !known.contains(event)).collect();
+        if restored == Restored::Unchanged && (note.updated_at > asset.updated_at || !events.is_empty()) {
+            restored = Restored::Updated;
+        }
+        if note.updated_at > asset.updated_at {
+            self.store.update_asset(&note.spec, None, note.updated_at).await?;
+        }
+        if events.is_empty() {
+            return Ok(restored);
         }
         let mut commit = self.store.begin().await?;
-        for event in note.maintenance {
-            commit.add_maintenance(&id, &StoredEvent::new(event)?).await?;
+        for event in events {
+            commit.add_maintenance(id, &StoredEvent::new(event.clone())?).await?;
+            for channel in self.store.channels(id).await? {
+                commit.fold_again_from(&channel, event.time).await?;
+            }
         }
         commit.finish().await?;
-        Ok(true)
+        Ok(restored)
+    }
+
+    /// Excludes the stored records that the note of an asset lists; returns whether one of them was not.
+    async fn exclude_noted(&self, note: &AssetNote) -> Result<bool, ServiceError> {
+        let id = &note.spec.id;
+        let known: HashSet<SegmentId> = self.store.excluded(id).await?.into_iter().collect();
+        let missing: Vec<SegmentId> =
+            note.excluded.iter().filter(|segment| !known.contains(segment)).cloned().collect();
+        let mut changed = 0;
+        for chunk in missing.chunks(IN_ONE_TRANSACTION) {
+            for segment in self.store.segments_by_id(chunk).await? {
+                changed += self.store.set_excluded(id, &RecordRange::of(&segment), true).await?;
+            }
+        }
+        Ok(changed > 0)
+    }
+
+    /// Removes the records that were removed at these times, unless they were received later; returns the
+    /// names of the raw objects that are no longer referenced.
+    async fn remove_again(
+        &self,
+        removed: &HashMap<SegmentId, Removal>,
+        rebuilt: &mut Rebuilt,
+    ) -> Result<Vec<String>, ServiceError> {
+        let mut of_assets: BTreeMap<AssetId, Vec<SegmentId>> = BTreeMap::new();
+        let ids: Vec<&SegmentId> = removed.keys().collect();
+        for chunk in ids.chunks(IN_ONE_TRANSACTION) {
+            let chunk: Vec<SegmentId> = chunk.iter().copied().cloned().collect();
+            for segment in self.store.segments_by_id(&chunk).await? {
+                if removed.get(&segment.id).is_some_and(|removal| removal.includes(segment.received_at)) {
+                    of_assets.entry(segment.asset_id).or_default().push(segment.id);
+                }
+            }
+        }
+        let mut orphans = Vec::new();
+        for (asset, ids) in of_assets {
+            for chunk in ids.chunks(IN_ONE_TRANSACTION) {
+                let removed = self.store.remove_records(&asset, chunk).await?;
+                rebuilt.removed_again += removed.segments.len() as u64;
+                orphans.extend(removed.orphans);
+            }
+        }
+        Ok(orphans)
     }
 
     async fn ingest(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
@@ -138,8 +238,7 @@ impl Service {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
         }
         loop {
-            let mut ticket = self.workers.admit()?;
-            ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
+            let ticket = self.workers.wait_to_admit(record.raw.bytes).await?;
             match self.pipeline.process(record, ticket).await {
                 // The store is unavailable.
                 Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,
@@ -148,22 +247,24 @@ impl Service {
         }
     }
 
-    /// The time of the last removal of each removed record.
-    async fn removal_times(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
+    /// The last removal of each removed record.
+    async fn removal_times(&self) -> Result<HashMap<SegmentId, Removal>, ServiceError> {
         let mut removed = HashMap::new();
         for note in self.on_objects(Objects::removals).await? {
             for segment in note.segments {
-                let at = removed.entry(segment).or_insert(note.removed_at);
-                *at = note.removed_at.max(*at);
+                let removal =
+                    removed.entry(segment).or_insert(Removal { at: note.removed_at, received: None });
+                removal.at = note.removed_at.max(removal.at);
             }
         }
         Ok(removed)
     }
 
-    /// The notes of records that the database does not have, by asset and in the order of time.
+    /// The notes of records that the database does not have, by asset and in the order of time. Adds to the
+    /// removals when their records were received.
     async fn missing_records(
         &self,
-        removed: &HashMap<SegmentId, Timestamp>,
+        removed: &mut HashMap<SegmentId, Removal>,
         rebuilt: &mut Rebuilt,
     ) -> Result<Vec<RecordNote>, ServiceError> {
         let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
@@ -172,9 +273,14 @@ impl Service {
             let ids: Vec<SegmentId> = notes.iter().map(|note| note.id.clone()).collect();
             let known: HashSet<SegmentId> = self.store.known_segments(&ids).await?;
             rebuilt.known += known.len() as u64;
+            for note in &notes {
+                if let Some(removal) = removed.get_mut(&note.id) {
+                    removal.received = removal.received.max(Some(note.received_at));
+                }
+            }
             notes.retain(|note| !known.contains(&note.id));
             for note in notes {
-                if removed.get(&note.id).is_some_and(|at| note.received_at <= *at) {
+                if removed.get(&note.id).is_some_and(|removal| note.received_at <= removal.at) {
                     rebuilt.removed += 1;
                     continue;
                 }
@@ -192,3 +298,6 @@ impl Service {
         Ok(blocking("read the notes of records", move || work(store.objects())).await??)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -79,6 +79,18 @@ impl Workers {
         self.admit_to(&self.requests, "the queue of records is full")
     }
 
+    /// Waits until one more request that holds `bytes` can be admitted, for work that no client waits for. More
+    /// bytes than all requests may hold count as that many.
+    pub(crate) async fn wait_to_admit(&self, bytes: u64) -> Result<Ticket, ServiceError> {
+        let lost = |_| ServiceError::WorkerLost("admit a record");
+        let request = Arc::clone(&self.requests).acquire_owned().await.map_err(lost)?;
+        let most = self.limits.bytes_at_once as u64 / 1024;
+        let needed = u32::try_from(bytes.div_ceil(1024).min(most)).unwrap_or(u32::MAX);
+        let held = Arc::clone(&self.kibibytes).acquire_many_owned(needed).await.map_err(lost)?;
+        let (kibibytes, bytes) = (Arc::clone(&self.kibibytes), held.num_permits() * 1024);
+        Ok(Ticket { _request: request, kibibytes, held: Some(held), bytes })
+    }
+
     /// Admits one more response computed from stored records, or returns [`ServiceError::Busy`] at once. The
     /// limit is separate, so that slow uploads do not block reads.
     pub fn admit_answer(&self) -> Result<Ticket, ServiceError> {
@@ -262,6 +274,23 @@ mod tests {
         assert!(second.grow(1).is_err());
         drop(first);
         assert!(second.grow(1).is_ok());
+    }
+
+    #[tokio::test]
+    async fn work_in_the_background_waits_until_it_is_admitted() {
+        let workers = workers();
+        let mut first = workers.admit().unwrap();
+        first.grow(8 * 1024).unwrap();
+        let waits =
+            tokio::time::timeout(std::time::Duration::from_millis(20), workers.wait_to_admit(4 * 1024));
+        assert!(waits.await.is_err());
+        let small = workers.wait_to_admit(2 * 1024).await.unwrap();
+        drop((first, small));
+        // Larger than everything that is allowed at once.
+        let large = workers.wait_to_admit(u64::MAX).await.unwrap();
+        assert!(workers.admit().unwrap().grow(1024).is_err());
+        drop(large);
+        assert!(workers.admit().unwrap().grow(10 * 1024).is_ok());
     }
 
     #[tokio::test]

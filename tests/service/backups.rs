@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use flankwatch::store::{Finding, Store, StoreSettings};
 use serde_json::{Value, json};
 
 use crate::command::{CommandOutput, flankwatch};
@@ -101,7 +102,7 @@ fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
         on(&folder, &["rebuild", "--anew"])
             .expect_success()
             .out()
-            .contains("imported 1 assets and 14 records")
+            .contains("imported 1 asset and 14 records")
     );
     on(&folder, &["verify"]).expect_success();
     let anew = Program::start(&folder);
@@ -159,7 +160,7 @@ fn recordings_in_quarantine_are_listed_and_restored() {
     on(&folder, &["quarantine", "restore", "no-such"]).expect_failure(&["no-such"]);
     on(&folder, &["quarantine", "restore", &name[..12]]).expect_success();
     let output = on(&folder, &["rebuild"]).expect_success().out();
-    assert!(output.contains("imported 0 assets and 1 records"), "{output}");
+    assert!(output.contains("imported 0 assets and 1 record,"), "{output}");
     let program = Program::start(&folder);
     assert_eq!(program.segments("pump").len(), 1);
     program.kill();
@@ -181,10 +182,137 @@ fn deleted_records_that_were_imported_again_stay() {
     for (arguments, imported) in [
         (&["rebuild"][..], "imported 0 assets and 0 records"),
         (&["rebuild", "--with-deleted"], "imported 0 assets and 2 records"),
-        (&["rebuild", "--anew"], "imported 1 assets and 3 records"),
+        (&["rebuild", "--anew"], "imported 1 asset and 3 records"),
     ] {
         let output = on(&folder, arguments).expect_success().out();
         assert!(output.contains(imported), "{arguments:?}: {output}");
     }
     on(&folder, &["verify"]).expect_success();
+}
+
+#[test]
+fn what_users_entered_after_a_backup_survives_a_restore_into_the_same_folder() {
+    let place = tempfile::tempdir().unwrap();
+    let (folder, copy) = (place.path().join("data"), place.path().join("copy"));
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..8 {
+        program.upload("pump", n).unwrap();
+    }
+    on(&folder, &["backup", copy.to_str().unwrap()]).expect_success();
+    let json = [("content-type", "application/json")];
+    let event =
+        json!({ "time": "2026-01-01T00:05:30Z", "kind": "sensor_replaced", "by": "A. Fitter" }).to_string();
+    let mut description = plain_asset("pump");
+    description["location"] = json!({ "machine": "Mill 2" });
+    for (method, path, body) in [
+        ("POST", "/v1/assets/pump/maintenance", event),
+        ("PUT", "/v1/assets/pump", description.to_string()),
+        ("DELETE", "/v1/assets/pump/segments?to=2026-01-01T00:01:30Z", String::new()),
+    ] {
+        let answer = program.send(method, path, &json, body.as_bytes());
+        assert!(answer.status().is_success(), "{path}: {:?}", answer.into_body().read_to_string());
+    }
+    let url = program.url();
+    let hour = ["--from", "2026-01-01T00:03:00Z", "--to", "2026-01-01T00:04:30Z"];
+    flankwatch(&[&["exclude", "--url", url, "--asset", "pump"], &hour[..]].concat()).expect_success();
+    let state_with_asset = |program: &Program| {
+        let mut asset = program.get("/v1/assets/pump");
+        asset.as_object_mut().unwrap().remove("summary");
+        (asset, state(program))
+    };
+    let at_end = state_with_asset(&program);
+    program.kill();
+
+    remove_database(&folder);
+    on(&folder, &["restore", copy.to_str().unwrap()]).expect_success();
+    let output = on(&folder, &["rebuild"]).expect_success().out();
+    assert!(
+        output.contains("imported 0 assets and 0 records, updated 1 asset, deleted 2 records"),
+        "{output}"
+    );
+    on(&folder, &["verify"]).expect_success();
+    let restored = Program::start(&folder);
+    wait_until_known(&restored);
+    let began = std::time::Instant::now();
+    while state_with_asset(&restored) != at_end {
+        assert!(began.elapsed().as_secs() < 60, "{:?} is not {at_end:?}", state_with_asset(&restored));
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    restored.kill();
+}
+
+#[test]
+fn a_nightly_backup_is_verified_after_records_are_deleted() {
+    let place = tempfile::tempdir().unwrap();
+    let (folder, copy, elsewhere) =
+        (place.path().join("data"), place.path().join("copy"), place.path().join("elsewhere"));
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..4 {
+        program.upload("pump", n).unwrap();
+    }
+    on(&folder, &["backup", copy.to_str().unwrap()]).expect_success();
+    let deleted = program.send("DELETE", "/v1/assets/pump/segments?to=2026-01-01T00:00:30Z", &[], b"");
+    assert_eq!(deleted.status(), 200);
+    let output = on(&folder, &["backup", copy.to_str().unwrap()]).expect_success().out();
+    assert!(output.contains("1 raw recording moved into quarantine"), "{output}");
+    let output = on(&copy, &["verify"]).expect_success().out();
+    assert!(
+        output.contains("3 records, 3 raw recordings of") && output.contains("1 in quarantine"),
+        "{output}"
+    );
+    on(&elsewhere, &["restore", copy.to_str().unwrap()]).expect_success();
+    on(&elsewhere, &["verify"]).expect_success();
+
+    // The asset is deleted too.
+    assert_eq!(program.send("DELETE", "/v1/assets/pump", &[], b"").status(), 204);
+    on(&folder, &["backup", copy.to_str().unwrap()]).expect_success();
+    on(&copy, &["verify"]).expect_success();
+    assert!(!copy.join("raw/assets/pump.json").exists());
+    program.kill();
+}
+
+#[test]
+fn a_record_that_is_deleted_while_it_is_verified_is_no_problem() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("data");
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..60 {
+        program.upload("pump", n).unwrap();
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let settings = StoreSettings::Folder(folder.clone());
+    let store = runtime.block_on(Store::open_to_read(&settings)).unwrap();
+    std::thread::scope(|scope| {
+        let deleting = scope.spawn(|| {
+            for id in program.segments("pump").keys() {
+                assert_eq!(program.send("DELETE", &format!("/v1/segments/{id}"), &[], b"").status(), 204);
+            }
+        });
+        while !deleting.is_finished() {
+            let audit = runtime.block_on(store.audit(false, std::time::Duration::ZERO)).unwrap();
+            let unread = audit.findings.iter().find(|found| matches!(found, Finding::Record { .. }));
+            assert_eq!(unread, None);
+        }
+    });
+    runtime.block_on(store.close());
+    program.kill();
+}
+
+#[test]
+fn a_rebuild_waits_where_few_records_are_taken_at_once() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("data");
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..12 {
+        program.upload("pump", n).unwrap();
+    }
+    program.kill();
+    let config = place.path().join("flankwatch.toml");
+    std::fs::write(&config, "[limits]\nrequests_at_once = 2\n").unwrap();
+    let output = on(&folder, &["rebuild", "--anew", "--config", config.to_str().unwrap()]);
+    assert!(output.expect_success().out().contains("imported 1 asset and 12 records"));
 }
