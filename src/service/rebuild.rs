@@ -73,8 +73,8 @@ impl Service {
     /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
     /// records in the order of time. Assets that exist get the later descriptions, events and exclusions of
     /// their notes. `on_progress` is called with the number of records done and the total. If none fails, the
-    /// database then counts as the one that the raw recordings belong to. After an interruption or a failure a
-    /// repeat completes the rest. Histories are recomputed after the next start.
+    /// database then counts as the one that the raw recordings belong to. After an interruption or a failure
+    /// a repeat completes the rest. Histories are recomputed after the next start.
     ///
     /// Records that users removed are skipped, and removed from a database that is older than the recordings;
     /// `with_removed` they are ingested, and no longer noted as removed.

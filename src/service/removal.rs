@@ -31,8 +31,8 @@ impl Removals {
         self.remove_each(&segment.asset_id, &[RecordRange::of(segment)]).await
     }
 
-    /// Removes the records of several ranges from an asset and from the other assets of its sensor, as if they
-    /// had never been received; returns the number removed from the asset. Raw recordings are moved into
+    /// Removes the records of several ranges from an asset and from the other assets of its sensor, as if
+    /// they had never been received; returns the number removed from the asset. Raw recordings are moved into
     /// quarantine, and histories are recomputed in the background. After an error, a repeat completes what is
     /// left.
     ///

@@ -79,8 +79,8 @@ impl Workers {
         self.admit_to(&self.requests, "the queue of records is full")
     }
 
-    /// Waits until one more request that holds `bytes` can be admitted, for work that no client waits for. More
-    /// bytes than all requests may hold count as that many.
+    /// Waits until one more request that holds `bytes` can be admitted, for work that no client waits for.
+    /// More bytes than all requests may hold count as that many.
     pub(crate) async fn wait_to_admit(&self, bytes: u64) -> Result<Ticket, ServiceError> {
         let lost = |_| ServiceError::WorkerLost("admit a record");
         let request = Arc::clone(&self.requests).acquire_owned().await.map_err(lost)?;

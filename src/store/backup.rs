@@ -86,8 +86,9 @@ pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Resul
     Ok(copied)
 }
 
-/// Restores a backup into a data folder without a database. Existing objects, notes and streams are kept: they
-/// are newer than the backup. The mark of existing objects says so too, so that the next start reports it.
+/// Restores a backup into a data folder without a database. Existing objects, notes and streams are kept:
+/// they are newer than the backup. The mark of existing objects says so too, so that the next start reports
+/// it.
 ///
 /// Errors: the data folder has a database, or the backup has none; files cannot be written.
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
@@ -256,7 +257,9 @@ mod tests {
         });
         store.close().await;
         let database = folder.join(DATABASE);
-        execute(&database, r#"INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ('pump', '{"id":"pump"}', 0, 0)"#).await;
+        let asset = r#"INSERT INTO assets (id, spec, created_at_ns, updated_at_ns)
+            VALUES ('pump', '{"id":"pump"}', 0, 0)"#;
+        execute(&database, asset).await;
         for name in &names {
             let text = format!("INSERT INTO raw_objects VALUES ('{name}', 'pump', 3, 0)");
             execute(&database, text.leak()).await;

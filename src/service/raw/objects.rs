@@ -136,9 +136,9 @@ impl RawObjects {
         Ok(blocking("write the note of a removal", move || store.objects().put_removal(&removal)).await??)
     }
 
-    /// Takes records that are stored out of the notes of removed ones: their removal failed, or they were sent
-    /// again. On a shared store only out of notes old enough that no process is still removing the records.
-    /// The caller holds the [`exclusive`](Self::exclusive) lock.
+    /// Takes records that are stored out of the notes of removed ones: their removal failed, or they were
+    /// sent again. On a shared store only out of notes old enough that no process is still removing the
+    /// records. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn forget_failed_removals(&self) -> Result<(), ServiceError> {
         // An older database has records that were removed since.
         if self.store.removal_hold().is_some() {
