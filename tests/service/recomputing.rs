@@ -129,3 +129,26 @@ fn a_record_older_than_hundreds_of_others_is_folded_in_the_background() {
     }
     assert_eq!(history(&service, "late"), history(&service, "in-order"));
 }
+
+#[test]
+fn a_record_far_from_the_nearest_state_is_stored_before_its_history_is_folded() {
+    let service = Service::start();
+    for asset in ["late", "in-order"] {
+        service.plain_asset(asset);
+    }
+    let records: Vec<_> = (0..1600).map(|n| record("1", n)).collect();
+    // The state before record 1000 is that at the start: the next one is after 1024 records.
+    let late = &records[1000];
+    for asset in ["late", "in-order"] {
+        let sent =
+            records.iter().filter(|record| asset == "in-order" || record.start_time() != late.start_time());
+        for part in sent.cloned().collect::<Vec<_>>().chunks(400) {
+            service
+                .post(&format!("/v1/assets/{asset}/segments"), "application/mcap", &mcap(part))
+                .expect(201);
+        }
+    }
+    assert_eq!(service.upload("late", late)["wear"]["status"], "recomputing");
+    recomputed(&service, "late");
+    assert_eq!(history(&service, "late"), history(&service, "in-order"));
+}

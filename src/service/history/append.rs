@@ -18,9 +18,10 @@ use crate::store::{
     AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
 };
 
-/// Maximum number of stored records after a late one that are folded again at once. If there are more, the
-/// late record gets its estimate at once and those after it are folded in the background.
-const FOLDED_AT_ONCE: u64 = 512;
+/// Maximum number of stored records that are folded again at once, since the write transaction waits for them.
+/// If more follow a late record, only those between the nearest state and it are folded at once; if these are
+/// more too, its estimate also follows in the background.
+const FOLDED_AT_ONCE: u32 = 512;
 
 /// A channel's new segments and the result of folding them.
 pub(crate) struct Appended<'a> {
@@ -40,6 +41,14 @@ enum Fold {
     Complete { after: u64, folded: Folded, estimator: KeyedEstimator },
     /// The new segments have provisional results; the history after them is folded again in the background.
     Deferred { results: Vec<(SegmentKey, RunResult)> },
+}
+
+impl Fold {
+    /// The estimates of all new segments follow in the background.
+    fn while_recomputing(asset: &Asset, new: &BTreeMap<SegmentKey, NewSegment>) -> Self {
+        let need = asset.spec.baseline.records;
+        Self::Deferred { results: new.keys().map(|key| (key.clone(), while_recomputing(need))).collect() }
+    }
 }
 
 impl Folding {
@@ -79,11 +88,7 @@ impl Folding {
         let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
             Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
-            None => {
-                let need = asset.spec.baseline.records;
-                let result = || while_recomputing(need);
-                Fold::Deferred { results: new.keys().map(|key| (key.clone(), result())).collect() }
-            }
+            None => Fold::while_recomputing(asset, &new),
         };
         Ok(Appended { asset, channel, new, slot, keys, fold })
     }
@@ -120,20 +125,15 @@ impl Folding {
             let estimator = estimator.clone();
             return Ok(Fold::Complete { after, folded, estimator });
         }
-        let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
+        let fold_all = stored_after <= u64::from(FOLDED_AT_ONCE) && newest.is_some();
         // All stored records after the state, or only those before the last new one.
-        let mut cursor = from.as_ref().map(|point| point.last.clone());
-        loop {
-            let stored = self.store.features(channel, cursor.as_ref(), 1024).await?;
-            let is_end = stored.len() < 1024;
-            cursor = stored.last().map(|stored| stored.key.clone());
-            let beyond = stored.last().is_some_and(|stored| stored.key > *last);
-            let wanted = stored.into_iter().filter(|stored| fold_all || stored.key < *last);
-            inputs.extend(wanted.map(|stored| FoldInput::of(stored, &estimator.feature_key)));
-            if is_end || (beyond && !fold_all) {
-                break;
-            }
+        let state = from.as_ref().map(|point| &point.last);
+        let mut stored = self.store.features(channel, state, FOLDED_AT_ONCE + 1).await?;
+        stored.retain(|stored| fold_all || stored.key < *last);
+        if stored.len() > FOLDED_AT_ONCE as usize {
+            return Ok(Fold::while_recomputing(asset, new));
         }
+        inputs.extend(stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)));
         inputs.sort_by(|a, b| a.key.cmp(&b.key));
         let mut folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
         if fold_all {
