@@ -128,7 +128,7 @@ impl Committer {
         let outcomes = match self.commit_with_retries(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
-            Err(ServiceError::Store(error)) if error.is_unavailable() => {
+            Err(error) if is_unavailable(&error) => {
                 tracing::warn!(%error, jobs = waiting.len(), "failed to commit records");
                 waiting.iter().map(|_| Err(STORE_UNAVAILABLE)).collect()
             }
@@ -136,6 +136,13 @@ impl Committer {
                 tracing::debug!(%error, jobs = waiting.len(), "failed to commit records together: committing each request separately");
                 let mut outcomes = Vec::with_capacity(waiting.len());
                 for job in &waiting {
+                    // One timeout is enough.
+                    if let Some(Err(error)) = outcomes.last()
+                        && is_unavailable(error)
+                    {
+                        outcomes.push(Err(STORE_UNAVAILABLE));
+                        continue;
+                    }
                     let stored = self.commit_with_retries(std::slice::from_ref(job)).await;
                     outcomes.push(stored.map(|mut stored| stored.pop().unwrap_or_default()));
                 }
@@ -295,3 +302,11 @@ impl Committer {
 /// The error if the store does not respond.
 const STORE_UNAVAILABLE: ServiceError =
     ServiceError::Busy { what: "the store is unavailable", retry_after_s: 5 };
+
+/// Whether a commit failed because the store does not respond: other records would fail too.
+fn is_unavailable(error: &ServiceError) -> bool {
+    match error {
+        ServiceError::Store(error) => error.is_unavailable(),
+        error => matches!(error, ServiceError::Busy { .. }),
+    }
+}
