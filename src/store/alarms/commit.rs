@@ -48,13 +48,6 @@ pub struct AlarmNotice {
     pub change: AlarmChange,
 }
 
-impl ChannelSummary {
-    /// The place after the latest record.
-    fn place_after(&self) -> u64 {
-        2 * self.segments + 1
-    }
-}
-
 impl Commit {
     /// Writes a channel's alarms as folded. Returns the notices of new changes: every change by appended
     /// records; after a history was folded again, only those of alarms whose state or severity differs from
@@ -132,6 +125,7 @@ impl Commit {
         change: &AlarmChange,
     ) -> Result<(), StoreError> {
         let id = stored.id.as_str();
+        let place_after = self.place_after(channel).await?;
         // First, because the action references it.
         self.set_alarm(channel, stored).await?;
         sqlx::query(
@@ -148,7 +142,7 @@ impl Commit {
              SELECT $1, $2, COALESCE(MAX(number), 0) + 1, $3 FROM alarm_changes WHERE alarm_id = $1",
         )
         .bind(id)
-        .bind(i64::try_from(channel.place_after()).unwrap_or(i64::MAX))
+        .bind(i64::try_from(place_after).unwrap_or(i64::MAX))
         .bind(to_json(change, "change", id)?)
         .execute(&mut *self.transaction)
         .await?;
@@ -165,6 +159,26 @@ impl Commit {
         }
         channel.note_change(place);
         self.set_channel(channel, false).await
+    }
+
+    /// The place after the latest record. The number of records does not give it: those removed by thinning
+    /// keep their places in the fold.
+    async fn place_after(&mut self, channel: &ChannelSummary) -> Result<u64, StoreError> {
+        let row = sqlx::query(
+            "SELECT f.position, (
+                SELECT COUNT(*) FROM segments s
+                WHERE s.channel_no = f.channel_no AND (s.start_time_ns, s.id) > (f.start_time_ns, f.segment_id)
+             ) AS later FROM fold_states f WHERE f.channel_no = $1 AND f.generation = $2 ORDER BY f.position DESC LIMIT 1",
+        )
+        .bind(channel.channel_no)
+        .bind(channel.wear_generation)
+        .fetch_optional(&mut *self.transaction)
+        .await?;
+        let folded = match row {
+            Some(row) => get_count(&row, "position")? + get_count(&row, "later")?,
+            None => channel.segments,
+        };
+        Ok(2 * folded + 1)
     }
 
     async fn alarms_of(&mut self, channel: &ChannelSummary) -> Result<Vec<StoredAlarm>, StoreError> {
