@@ -44,16 +44,48 @@ impl Store {
 
     /// Claims the search for unreferenced objects; returns false if a process made one within the last day.
     pub async fn begin_sweep(&self, now: Timestamp) -> Result<bool, StoreError> {
-        let begun = sqlx::query("UPDATE counters SET value = $1 WHERE name = 'swept_at_ns' AND value <= $2")
-            .bind(to_ns(now)?)
-            .bind(to_ns(now.saturating_sub(SWEEP_INTERVAL).unwrap_or(Timestamp::MIN))?)
-            .execute(self.write())
-            .await?;
+        self.begin_round("swept_at_ns", now, SWEEP_INTERVAL).await
+    }
+
+    /// Claims a round of work; returns false if a process made one within the interval. A round in the future,
+    /// made while the clock was ahead, delays none.
+    pub(in crate::store) async fn begin_round(
+        &self,
+        counter: &'static str,
+        now: Timestamp,
+        interval: SignedDuration,
+    ) -> Result<bool, StoreError> {
+        let due = now.saturating_sub(interval).unwrap_or(Timestamp::MIN);
+        let begun =
+            sqlx::query("UPDATE counters SET value = $1 WHERE name = $3 AND (value <= $2 OR value > $1)")
+                .bind(to_ns(now)?)
+                .bind(to_ns(due)?)
+                .bind(counter)
+                .execute(self.write())
+                .await?;
         Ok(begun.rows_affected() > 0)
     }
 
     /// Whether the store was closed.
     pub fn is_closed(&self) -> bool {
         self.write().is_closed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::StoreSettings;
+
+    #[tokio::test]
+    async fn a_round_is_due_after_its_interval_or_if_the_last_one_lies_in_the_future() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&StoreSettings::Folder(folder.path().to_owned())).await.unwrap();
+        for (hour, is_due) in
+            [(100, true), (110, false), (124, true), (9000, true), (130, true), (131, false)]
+        {
+            let now = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(hour);
+            assert_eq!(store.begin_sweep(now).await.unwrap(), is_due, "hour {hour}");
+        }
     }
 }

@@ -77,13 +77,7 @@ impl Thinning {
 impl Store {
     /// Claims a round of thinning; returns false if a process made one within the last hour.
     pub async fn begin_thinning(&self, now: Timestamp) -> Result<bool, StoreError> {
-        let begun =
-            sqlx::query("UPDATE counters SET value = $1 WHERE name = 'thinned_at_ns' AND value <= $2")
-                .bind(to_ns(now)?)
-                .bind(to_ns(now.saturating_sub(ROUND_INTERVAL).unwrap_or(Timestamp::MIN))?)
-                .execute(self.write())
-                .await?;
-        Ok(begun.rows_affected() > 0)
+        self.begin_round("thinned_at_ns", now, ROUND_INTERVAL).await
     }
 
     /// Removes old records that are not among those kept; returns their number.
