@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use crate::alarms::{act, at_once, history_entries, loud, wait_for_alarm, watched, whole};
 use crate::running::{Service, mcap, minute, plain_asset, record};
 use flankwatch::service::OldResults;
 use flankwatch::store::Thinning;
@@ -74,6 +75,24 @@ fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
         trend["items"].as_array().unwrap().iter().all(|item| item["status"] != "recomputing")
     });
     assert_eq!(folded["items"].as_array().unwrap().len(), kept.len() + 1);
+}
+
+#[test]
+fn an_operator_action_after_thinning_follows_the_raised_alarm_and_is_stored_once() {
+    let service = Service::start_with(|config| config.work.quotas.bytes = Some(100_000));
+    service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
+    let factor = |n| if n + 1 < RECORDS { 1.0 } else { 4.0 };
+    let records: Vec<_> = (0..RECORDS).map(|n| loud(n, factor(n))).collect();
+    service.post("/v1/assets/pump/segments", "application/mcap", &mcap(&records)).expect(201);
+    wait_for_the_quota(&service);
+    assert!(thin(&service) > 0);
+    let alarm = wait_for_alarm(&service, "pump", |_| true);
+    act(&service, &alarm, "acknowledge", &json!({ "by": "Ada" })).expect(200);
+    let entries = history_entries(&whole(&service, "pump"));
+    let states: Vec<&Value> = entries.iter().map(|entry| &entry[0]).collect();
+    assert_eq!(states, ["unacknowledged", "acknowledged"]);
+    service.upload("pump", &loud(RECORDS, 4.0));
+    assert_eq!(history_entries(&whole(&service, "pump")), entries);
 }
 
 #[test]
