@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::resumable_client::{begin, expect_read, offset, patch, pieces, recording};
-use crate::running::{Service, record};
+use crate::running::{Service, mcap, plain_asset, record};
 use flankwatch_test_support::needed;
 
 /// A small file system in memory, unmounted on drop.
@@ -148,4 +148,33 @@ fn a_resumable_upload_waits_while_the_disk_is_full() {
     assert!(!pieces(&service, &paths[0]).exists());
     service.restart();
     expect_read(&service, &paths[0], 20);
+}
+
+#[test]
+#[ignore = "needs the right to mount a file system"]
+fn a_recomputation_that_fills_the_disk_is_repeated_when_there_is_room() {
+    let disk = needed(SmallDisk::mount(), "the right to mount a small file system");
+    let mut service = Service::start_at(disk.path());
+    service.plain_asset("pump");
+    let records: Vec<_> = (0..60).map(|n| record("1", n)).collect();
+    service.post("/v1/assets/pump/segments", "application/mcap", &mcap(&records)).expect(201);
+    let filling = disk.fill();
+    let file = std::fs::OpenOptions::new().write(true).open(&filling).unwrap();
+    let make_room = || file.set_len(file.metadata().unwrap().len() - (16 << 10)).unwrap();
+    let mut description = plain_asset("pump");
+    description["bands"] = json!([{ "name": "mesh", "band_hz": [200, 400] }]);
+    // Room for the description, and then for a part of the new history.
+    while service.put_json("/v1/assets/pump", &description).status == 507 {
+        make_room();
+    }
+    make_room();
+    let state = |list: &Value| list["items"][0]["state"].clone();
+    service.wait_for("/v1/recomputations?asset=pump", |list| state(list) == "failed");
+    let indicators = || service.get("/v1/assets/pump/indicators").expect(200).json();
+    assert_eq!(indicators()["items"].as_array().unwrap().len(), 60);
+    drop(file);
+    std::fs::remove_file(filling).unwrap();
+    service.wait_for("/v1/recomputations?asset=pump", |list| state(list) == "finished");
+    assert!(indicators()["items"].as_array().unwrap().iter().all(|item| item["band_mesh"].is_number()));
+    service.stop();
 }

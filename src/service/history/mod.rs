@@ -37,6 +37,9 @@ use update_queue::UpdateQueue;
 /// Time after which a history that another process computes is checked again.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
 
+/// Time after which a recomputation is retried that a full, failing or damaged disk has stopped.
+const RETRY_DISK_AFTER: Duration = Duration::from_secs(60);
+
 /// The histories of all channels.
 pub struct History {
     simulations: Arc<Simulations>,
@@ -133,12 +136,14 @@ impl History {
                 match history.recomputer.recompute_asset(&asset).await {
                     Ok(UpdateOutcome::Done | UpdateOutcome::AwaitsLibrary) => {}
                     // The other process may end before it is done.
-                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset).await,
-                    Err(ServiceError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
-                        tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
-                        history.retry_later(asset).await;
-                    }
-                    Err(error) => tracing::warn!(%asset, %error, "failed to recompute a history"),
+                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset, RETRY_AFTER).await,
+                    Err(error) => match retry_after(&error) {
+                        Some(time) => {
+                            tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
+                            history.retry_later(asset, time).await;
+                        }
+                        None => tracing::warn!(%asset, %error, "failed to recompute a history"),
+                    },
                 }
             }
         });
@@ -152,9 +157,9 @@ impl History {
         self.queue().pop()
     }
 
-    async fn retry_later(&self, asset: AssetId) {
+    async fn retry_later(&self, asset: AssetId, time: Duration) {
         self.queue().push(asset);
-        tokio::time::sleep(RETRY_AFTER).await;
+        tokio::time::sleep(time).await;
     }
 
     /// Recomputes, in the background, the histories of assets whose library is ready, has more members, or
@@ -171,5 +176,39 @@ impl History {
                 history.recompute_in_background(assets);
             }
         });
+    }
+}
+
+/// Time after which a recomputation is retried; `None` if it would fail again.
+fn retry_after(error: &ServiceError) -> Option<Duration> {
+    match error {
+        ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Some(RETRY_AFTER),
+        // Reported damage may prove to be a disk that failed for a moment.
+        ServiceError::Store(error) if error.is_disk_failure() || error.is_damage() => Some(RETRY_DISK_AFTER),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::StoreError;
+
+    #[test]
+    fn a_recomputation_that_the_disk_or_another_process_stopped_is_retried() {
+        let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let retried = [
+            (StoreError::Outdated("the channel"), Some(RETRY_AFTER)),
+            (StoreError::Database(sqlx::Error::PoolTimedOut), Some(RETRY_AFTER)),
+            (StoreError::Database(sqlx::Error::Io(full)), Some(RETRY_DISK_AFTER)),
+            (
+                StoreError::DatabaseDamaged { path: "flankwatch.db".into(), what: "a page".into() },
+                Some(RETRY_DISK_AFTER),
+            ),
+            (StoreError::NotFinite { field: "rms".into(), value: f64::NAN }, None),
+        ];
+        for (error, time) in retried {
+            assert_eq!(retry_after(&ServiceError::Store(error)), time);
+        }
     }
 }

@@ -121,8 +121,11 @@ impl Recomputer {
             };
             let wanted =
                 ChannelKeys { analysed: analysis_keys(&description.spec), fold: estimator.fold_key.clone() };
-            if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
+            if channel.leftovers {
+                // Before another generation is written: those that were abandoned would add up.
                 self.remove_leftovers(&channel).await?;
+            }
+            if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
                 return Ok(UpdateOutcome::Done);
             }
             let served = self.simulations.estimator_of(&channel.keys.fold);
@@ -149,12 +152,26 @@ impl Recomputer {
                     tracing::debug!(%asset, channel = name, what, "restarting a recomputation");
                 }
                 Err(error) => {
-                    // The first error is the one to report.
-                    let _ = self.store.abandon_generation(&channel, wear).await;
+                    if let Err(again) = self.abandon(&channel, wear, &error).await {
+                        tracing::debug!(%asset, channel = name, error = %again, "failed to remove an abandoned generation: retrying later");
+                    }
                     return Err(error);
                 }
             }
         }
+    }
+
+    /// Removes what was written of a generation. The analyses are kept for the next one, unless the disk is
+    /// full.
+    async fn abandon(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+        because: &ServiceError,
+    ) -> Result<(), ServiceError> {
+        let is_full = matches!(because, ServiceError::Store(error) if error.is_full());
+        self.store.abandon_generation(channel, wear, !is_full).await?;
+        self.remove_leftovers(channel).await
     }
 
     async fn recompute(
@@ -193,7 +210,7 @@ impl Recomputer {
             let current_asset = described(&self.store, asset).await?;
             if analysis_keys(&current_asset.spec) != wanted.analysed {
                 // The description changed again in the meantime: this history is outdated already.
-                return Ok(store.abandon_generation(channel, wear).await?);
+                return Ok(store.abandon_generation(channel, wear, true).await?);
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
             if !is_analysed {
@@ -314,9 +331,6 @@ impl Recomputer {
     }
 
     async fn remove_leftovers(&self, channel: &ChannelSummary) -> Result<(), ServiceError> {
-        if !channel.leftovers {
-            return Ok(());
-        }
         let mut after = None;
         loop {
             let now = self.clock.now();

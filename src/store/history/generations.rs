@@ -80,11 +80,13 @@ impl Store {
         Ok(Some(WearGeneration(channel.newest_generation)))
     }
 
-    /// Abandons a generation, so that another process need not wait.
+    /// Abandons a generation, so that another process need not wait. Its estimates become leftovers, and its
+    /// analyses too unless they are kept for the next one.
     pub async fn abandon_generation(
         &self,
         channel: &ChannelSummary,
         wear: WearGeneration,
+        keeps_analyses: bool,
     ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
@@ -92,6 +94,9 @@ impl Store {
             channel.next_wear = None;
             channel.maker_until = None;
             channel.changed_from = None;
+            if !keeps_analyses {
+                channel.next_analysis = None;
+            }
             commit.set_channel(&mut channel, false).await?;
             commit.finish().await?;
         }
