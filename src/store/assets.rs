@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use sqlx::Row;
 use sqlx::any::AnyRow;
-use sqlx::{Any, Row, Transaction};
 
 use super::database::rows::{
     asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns,
 };
+use super::database::watched::WatchedTransaction;
 use super::records::raw;
 use super::{SegmentKey, Store, StoreError, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
@@ -128,7 +129,7 @@ pub struct DescriptionsMark(i64);
 impl DescriptionsMark {
     /// Returns an error if another transaction has changed a description since the mark. To be called after a
     /// change in this transaction, which blocks other changes until its end.
-    async fn check(self, transaction: &mut Transaction<'_, Any>) -> Result<(), StoreError> {
+    async fn check(self, transaction: &mut WatchedTransaction) -> Result<(), StoreError> {
         let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
             .fetch_one(&mut **transaction)
             .await?;
@@ -159,7 +160,7 @@ impl Store {
         now: Timestamp,
     ) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *transaction)
             .await?;

@@ -6,11 +6,11 @@ use std::sync::atomic::Ordering;
 
 use jiff::Timestamp;
 use serde_json::Value;
-use sqlx::{Any, Transaction};
 
 use super::assets::{asset_of, channel_of};
 use super::database::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
 use super::database::schema::Dialect;
+use super::database::watched::WatchedTransaction;
 use super::layouts::LayoutCache;
 use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
 use crate::asset::AssetId;
@@ -29,7 +29,7 @@ const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id,
 /// On a shared store rows are locked in this order to avoid deadlocks: assets by name, then channels by asset
 /// and name, then dependent rows.
 pub struct Commit {
-    pub(super) transaction: Transaction<'static, Any>,
+    pub(super) transaction: WatchedTransaction,
     pub(super) dialect: Dialect,
     pub(super) recipients: Arc<Recipients>,
     pub(super) layouts: Arc<LayoutCache>,
@@ -40,10 +40,9 @@ pub struct Commit {
 impl Store {
     /// Begins a transaction; waits for a write connection.
     pub async fn begin(&self) -> Result<Commit, StoreError> {
-        self.check_whole()?;
         self.inner.is_changed.store(true, Ordering::Relaxed);
         Ok(Commit {
-            transaction: self.write().begin().await?,
+            transaction: self.write()?.begin().await?,
             dialect: self.dialect(),
             recipients: self.recipients(),
             layouts: Arc::clone(&self.inner.layouts),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::database::integrity::FoundDamage;
+use super::database::integrity::{FoundDamage, damage_in};
 use crate::asset::AssetId;
 
 /// Why a store operation failed.
@@ -172,28 +172,16 @@ impl StoreError {
     /// Whether the database is damaged: its file is corrupt (SQLITE_CORRUPT, SQLITE_NOTADB), a table or a
     /// column is missing, or a value cannot be decoded.
     pub fn is_damage(&self) -> bool {
-        match self {
-            Self::DatabaseDamaged { .. }
-            | Self::Database(
-                sqlx::Error::ColumnNotFound(_) | sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_),
-            ) => true,
-            Self::Database(sqlx::Error::Database(error)) => {
-                error.code().is_some_and(|code| is_damage_code(&code))
-                    || error.message().starts_with("no such ")
-            }
-            _ => false,
-        }
+        self.found_damage().is_some()
     }
 
     /// The damage that the error reports; `None` for other errors.
     pub fn found_damage(&self) -> Option<FoundDamage> {
-        let is_of_pages = match self {
-            Self::Database(sqlx::Error::Database(error)) => {
-                error.code().is_some_and(|code| is_damage_code(&code))
-            }
-            _ => false,
-        };
-        self.is_damage().then(|| FoundDamage { what: self.to_string(), is_of_pages })
+        match self {
+            Self::DatabaseDamaged { .. } => Some(FoundDamage { what: self.to_string(), is_of_pages: false }),
+            Self::Database(error) => damage_in(error),
+            _ => None,
+        }
     }
 
     /// Whether a raw object is lost or damaged.
@@ -258,12 +246,6 @@ fn is_value_code(code: &str) -> bool {
             && !is_conflict_code(code);
     }
     code.parse::<u32>().is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
-}
-
-/// Whether an SQLite code, whose lower byte is the primary code, says that the file is damaged. PostgreSQL
-/// SQLSTATEs have five characters.
-fn is_damage_code(code: &str) -> bool {
-    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
 }
 
 /// Whether a PostgreSQL SQLSTATE says that transactions conflicted, for example by inserting the same key at

@@ -89,7 +89,7 @@ impl Store {
         sqlx::query("UPDATE store_identity SET store = $1, generation = $2 WHERE one = 1")
             .bind(among.store.as_str())
             .bind(among.generation.max(mine.generation))
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         self.set_removal_hold(None);
         self.raise_generation().await
@@ -107,7 +107,7 @@ impl Store {
             return Ok(());
         }
         sqlx::query("UPDATE store_identity SET generation = generation + 1 WHERE one = 1")
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         if let Some(mark) = self.database_mark().await? {
             self.on_objects(move |objects| objects.set_mark(&mark)).await?;
@@ -119,7 +119,7 @@ impl Store {
     /// may be behind.
     pub async fn database_mark(&self) -> Result<Option<StoreMark>, StoreError> {
         let row = sqlx::query("SELECT store, generation FROM store_identity WHERE one = 1")
-            .fetch_optional(self.write())
+            .fetch_optional(&self.inner.database.write)
             .await?;
         let mark = |row| -> Result<StoreMark, StoreError> {
             Ok(StoreMark { store: get(&row, "store")?, generation: get(&row, "generation")? })
@@ -132,7 +132,7 @@ impl Store {
         sqlx::query("INSERT INTO store_identity (one, store, generation) VALUES (1, $1, $2) ON CONFLICT (one) DO NOTHING")
             .bind(mark.store.as_str())
             .bind(mark.generation)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         // Another process may have created it first.
         Ok(self.database_mark().await?.unwrap_or(mark))

@@ -36,6 +36,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use database::Database;
 use database::schema::Dialect;
+use database::watched::WatchedPool;
 use history::recent_wear::CurveCache;
 use history::trend::TrendCache;
 use layouts::LayoutCache;
@@ -199,12 +200,11 @@ impl Store {
 
     /// Checks that the database is writable, by committing a small change.
     pub async fn check_writable(&self, local: Timestamp) -> Result<(), StoreError> {
-        self.check_whole()?;
         sqlx::query(
             "INSERT INTO counters (name, value) VALUES ('write_probe_ns', $1) ON CONFLICT (name) DO UPDATE SET value = excluded.value",
         )
         .bind(database::rows::to_ns(local)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }
@@ -218,10 +218,7 @@ impl Store {
     /// of the file shows that there is none. Must be called inside a Tokio runtime.
     pub fn note_damage(&self, found: &FoundDamage) {
         let Database { damage, path, .. } = &self.inner.database;
-        match path {
-            Some(path) if found.is_of_pages => damage.note_until_checked(&found.what, path.clone()),
-            _ => damage.note(&found.what),
-        }
+        damage.found(found, path.as_deref());
     }
 
     /// Opens the raw objects of a store without its database. Must be called inside a Tokio runtime.
@@ -267,7 +264,7 @@ impl Store {
         self.inner.database.dialect
     }
 
-    fn read(&self) -> &sqlx::AnyPool {
+    fn read(&self) -> &WatchedPool {
         &self.inner.database.read
     }
 
@@ -275,7 +272,11 @@ impl Store {
         &self.inner.layouts
     }
 
-    fn write(&self) -> &sqlx::AnyPool {
-        &self.inner.database.write
+    /// The connection of writers.
+    ///
+    /// Error: [`StoreError::DatabaseDamaged`] if the database is known to be damaged.
+    fn write(&self) -> Result<&WatchedPool, StoreError> {
+        self.check_whole()?;
+        Ok(&self.inner.database.write)
     }
 }

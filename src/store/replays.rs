@@ -9,7 +9,7 @@ impl Store {
         sqlx::query("INSERT INTO replays (number, replay) VALUES ($1, $2) ON CONFLICT (number) DO UPDATE SET replay = excluded.replay")
             .bind(i64::try_from(number).unwrap_or(i64::MAX))
             .bind(replay)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }
@@ -18,7 +18,7 @@ impl Store {
     pub async fn forget_replays_before(&self, number: u64) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM replays WHERE number < $1")
             .bind(i64::try_from(number).unwrap_or(i64::MAX))
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use sqlx::{Any, Transaction};
-
 use super::assets::asset_of;
 use super::database::rows::{asset_id, get, placeholders};
+use super::database::watched::WatchedTransaction;
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 
@@ -16,7 +15,7 @@ const OF_SENSOR: &str = "id IN (SELECT of_asset FROM shared_sensors WHERE asset_
 
 /// Marks the other assets of an asset's sensor as changed, because their analysis depends on it.
 pub(super) async fn change_others(
-    transaction: &mut Transaction<'_, Any>,
+    transaction: &mut WatchedTransaction,
     id: &AssetId,
 ) -> Result<(), StoreError> {
     let text = format!("SELECT id FROM assets WHERE id <> $1 AND ({OF_SENSOR}) ORDER BY id");
@@ -35,7 +34,7 @@ pub(super) async fn change_others(
 }
 
 /// Updates the row of an asset after a change of its description.
-pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec) -> Result<(), StoreError> {
+pub(super) async fn set(transaction: &mut WatchedTransaction, spec: &AssetSpec) -> Result<(), StoreError> {
     change_others(transaction, &spec.id).await?;
     sqlx::query("DELETE FROM shared_sensors WHERE asset_id = $1")
         .bind(spec.id.as_str())
@@ -69,7 +68,7 @@ impl Store {
         sqlx::query("UPDATE shared_sensors SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
             .bind(member.as_str())
             .bind(of.as_str())
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }

@@ -180,7 +180,7 @@ impl TokenStore {
                 Ok(TokenConnection::Own(Box::new(opened)))
             }
             Backend::Shared(store) => {
-                let pool = if to_write { store.write() } else { store.read() };
+                let pool = if to_write { store.write()? } else { store.read() };
                 Ok(TokenConnection::Pooled(pool.acquire().await?))
             }
         }

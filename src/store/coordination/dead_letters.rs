@@ -22,7 +22,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM dead_letters WHERE put_at_ns < $1")
             .bind(to_ns(now.saturating_sub(REMEMBERED).unwrap_or(Timestamp::MIN))?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         sqlx::query(
             "INSERT INTO dead_letters (segment_id, times, letter, put_at_ns) VALUES ($1, 1, $2, $3)
@@ -32,7 +32,7 @@ impl Store {
         .bind(segment.0.as_str())
         .bind(letter)
         .bind(to_ns(now)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }

@@ -19,7 +19,7 @@ impl Store {
         .bind(library)
         .bind(alive_until(now)?)
         .bind(to_ns(now)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(begun.rows_affected() > 0)
     }
@@ -30,7 +30,7 @@ impl Store {
         sqlx::query("UPDATE library_builds SET builder_until_ns = $2 WHERE library_id = $1")
             .bind(library)
             .bind(alive_until(now)?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }
@@ -39,7 +39,7 @@ impl Store {
     pub async fn end_building(&self, library: &str) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM library_builds WHERE library_id = $1")
             .bind(library)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }

@@ -27,11 +27,11 @@ impl Store {
         )
         .bind(worker)
         .bind(to_ns(now.saturating_add(WORKER_LEASE).unwrap_or(Timestamp::MAX))?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         sqlx::query("DELETE FROM queue_workers WHERE alive_until_ns < $1")
             .bind(to_ns(now)?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }
@@ -71,7 +71,7 @@ impl Store {
         for partition in partitions {
             query = query.bind(i64::from(*partition)).bind(worker);
         }
-        let claimed = query.fetch_all(self.write()).await?;
+        let claimed = query.fetch_all(self.write()?).await?;
         let numbers = claimed.iter().map(|row| get::<i64>(row, "partition_no"));
         numbers.filter_map(|number| number.map(|number| u16::try_from(number).ok()).transpose()).collect()
     }
@@ -89,13 +89,16 @@ impl Store {
         for partition in partitions {
             query = query.bind(i64::from(*partition));
         }
-        query.execute(self.write()).await?;
+        query.execute(self.write()?).await?;
         Ok(())
     }
 
     /// Ends the lease of a worker and its ownership of all partitions.
     pub async fn end_queue_worker(&self, worker: &str) -> Result<(), StoreError> {
-        sqlx::query("DELETE FROM queue_workers WHERE worker = $1").bind(worker).execute(self.write()).await?;
+        sqlx::query("DELETE FROM queue_workers WHERE worker = $1")
+            .bind(worker)
+            .execute(self.write()?)
+            .await?;
         Ok(())
     }
 }

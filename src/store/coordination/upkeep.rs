@@ -28,7 +28,7 @@ impl Store {
         sqlx::query("UPDATE assets SET settled_revision = $2 WHERE id = $1 AND settled_revision < $2")
             .bind(asset.as_str())
             .bind(version)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }
@@ -61,14 +61,14 @@ impl Store {
                 .bind(to_ns(now)?)
                 .bind(to_ns(due)?)
                 .bind(counter)
-                .execute(self.write())
+                .execute(self.write()?)
                 .await?;
         Ok(begun.rows_affected() > 0)
     }
 
     /// Whether the store was closed.
     pub fn is_closed(&self) -> bool {
-        self.write().is_closed()
+        self.read().is_closed()
     }
 }
 

@@ -67,6 +67,29 @@ impl Damage {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Records damage of a database that a statement reported. Damage of the pages of its file counts until a
+    /// check of the file shows that there is none. Must be called inside a Tokio runtime.
+    pub(in crate::store) fn found(&self, found: &FoundDamage, path: Option<&Path>) {
+        match path {
+            Some(path) if found.is_of_pages => self.note_until_checked(&found.what, path.to_owned()),
+            _ => self.note(&found.what),
+        }
+    }
+
+    /// Records the outcome of a check of the pages in the background.
+    fn checked(&self, path: &Path, outcome: Result<Vec<String>, sqlx::Error>) {
+        match outcome {
+            Ok(found) if found.is_empty() => {}
+            Ok(found) => self.note(&found.join("; ")),
+            Err(error) => match damage_in(&error) {
+                Some(found) => self.found(&found, Some(path)),
+                None => {
+                    tracing::error!(path = %path.display(), %error, "failed to check the pages of the database")
+                }
+            },
+        }
+    }
+
     /// Records damage that needs no check. It replaces damage that is being checked.
     pub(in crate::store) fn note(&self, what: &str) {
         let mut known = self.known();
@@ -139,23 +162,27 @@ pub(in crate::store) async fn check_pages(
 ) -> Result<Damage, StoreError> {
     rest_in_background(&mut connection).await.map_err(|error| named(path, error))?;
     let damage = Damage::default();
-    let noted = damage.clone();
-    let look = tokio::spawn(async move {
+    let mut check = tokio::spawn(async move {
         let found = findings(&mut connection, "PRAGMA quick_check(4)").await;
-        connection.close().await?;
-        match found {
-            Ok(found) if found.is_empty() => {}
-            Ok(found) => noted.note(&found.join("; ")),
-            Err(error) => return Err(error),
+        if let Err(error) = connection.close().await {
+            tracing::warn!(%error, "failed to close the connection that checked the database");
         }
-        Ok::<_, sqlx::Error>(())
+        found
     });
-    match tokio::time::timeout(LOOKED_AT_FOR, look).await {
+    match tokio::time::timeout(LOOKED_AT_FOR, &mut check).await {
         // The check itself failed.
         Ok(Ok(Err(error))) => return Err(named(path, error)),
-        Ok(_) => {}
+        Ok(Ok(outcome)) => damage.checked(path, outcome),
+        Ok(Err(error)) => tracing::error!(%error, "the check of the database stopped"),
         Err(_) => {
-            tracing::info!(path = %path.display(), "the database is large: checking its pages in the background")
+            tracing::info!(path = %path.display(), "the database is large: checking its pages in the background");
+            let (damage, path) = (damage.clone(), path.to_owned());
+            tokio::spawn(async move {
+                match check.await {
+                    Ok(outcome) => damage.checked(&path, outcome),
+                    Err(error) => tracing::error!(%error, "the check of the database stopped"),
+                }
+            });
         }
     }
     Ok(damage)
@@ -212,6 +239,27 @@ pub(in crate::store) async fn findings(
     Ok(found)
 }
 
+/// The damage that an error of the database reports; `None` for other errors.
+pub(in crate::store) fn damage_in(error: &sqlx::Error) -> Option<FoundDamage> {
+    let (is_damage, is_of_pages) = match error {
+        sqlx::Error::ColumnNotFound(_) | sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => {
+            (true, false)
+        }
+        sqlx::Error::Database(error) => {
+            let is_of_pages = error.code().is_some_and(|code| is_damage_code(&code));
+            (is_of_pages || error.message().starts_with("no such "), is_of_pages)
+        }
+        _ => (false, false),
+    };
+    is_damage.then(|| FoundDamage { what: format!("database: {error}"), is_of_pages })
+}
+
+/// Whether an SQLite code, whose lower byte is the primary code, says that the file is damaged. PostgreSQL
+/// SQLSTATEs have five characters.
+fn is_damage_code(code: &str) -> bool {
+    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
+}
+
 /// The error of a damaged database.
 pub(in crate::store) fn damaged(path: &Path, what: String) -> StoreError {
     StoreError::DatabaseDamaged { path: path.display().to_string(), what }
@@ -253,6 +301,22 @@ mod tests {
         damage.note_until_checked("a damaged page", path);
         until(damage, |known| known.as_ref().is_some_and(|known| known.is_confirmed)).await;
         assert_eq!(damage.get().as_deref(), Some("a damaged page"));
+    }
+
+    #[test]
+    fn damage_that_a_check_in_the_background_finds_or_fails_at_is_recorded() {
+        let known_after = |outcome| {
+            let damage = Damage::default();
+            damage.checked(Path::new("flankwatch.db"), outcome);
+            damage.get()
+        };
+        assert_eq!(known_after(Ok(Vec::new())), None);
+        assert_eq!(
+            known_after(Ok(vec!["page 7".into(), "page 9".into()])).as_deref(),
+            Some("page 7; page 9")
+        );
+        assert!(known_after(Err(sqlx::Error::ColumnNotFound("quick_check".into()))).is_some());
+        assert_eq!(known_after(Err(sqlx::Error::PoolTimedOut)), None);
     }
 
     #[tokio::test]

@@ -3,6 +3,7 @@
 pub(super) mod integrity;
 pub(super) mod rows;
 pub(super) mod schema;
+pub(super) mod watched;
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -14,6 +15,7 @@ use crate::store::StoreError;
 use crate::store::objects::file_error;
 use integrity::Damage;
 use schema::Dialect;
+use watched::{Watch, WatchedPool};
 
 /// Connections to the database.
 #[derive(Debug)]
@@ -23,9 +25,9 @@ pub(in crate::store) struct Database {
     /// With SQLite a single connection: writers queue here instead of meeting a locked database, and two
     /// never write or checkpoint at the same time, which can corrupt the database before SQLite 3.51.3 (its
     /// "WAL-reset" bug).
-    pub(in crate::store) write: AnyPool,
+    pub(in crate::store) write: WatchedPool,
     /// Readers see the last committed state and never wait for a writer.
-    pub(in crate::store) read: AnyPool,
+    pub(in crate::store) read: WatchedPool,
     /// Held for the lifetime of the process, so that no other process uses the folder.
     lock: Option<File>,
     /// The file of an SQLite database.
@@ -65,13 +67,14 @@ impl Database {
         let url = sqlite_url(&path, "rwc");
         integrity::check_header(&path)?;
         let damage = check(&path, &url).await?;
-        let write = pool(&url, 1).await?;
+        let watch = Some(Watch { damage: damage.clone(), path: path.clone() });
+        let write = WatchedPool::new(pool(&url, 1).await?, watch.clone());
         let mut connection = write.acquire().await?;
         schema::migrate(&mut connection, Dialect::Sqlite)
             .await
             .map_err(|error| integrity::named(&path, error))?;
         drop(connection);
-        let read = pool(&url, 4).await?;
+        let read = WatchedPool::new(pool(&url, 4).await?, watch);
         Ok(Self { dialect: Dialect::Sqlite, write, read, lock: Some(lock), path: Some(path), damage })
     }
 
@@ -91,6 +94,7 @@ impl Database {
             .acquire_timeout(std::time::Duration::from_secs(10))
             .connect(&sqlite_url(&path, "ro"))
             .await?;
+        let read = WatchedPool::new(read, None);
         Ok(Self {
             dialect: Dialect::Sqlite,
             write: read.clone(),
@@ -107,14 +111,14 @@ impl Database {
         settings: &crate::store::SharedSettings,
     ) -> Result<Self, StoreError> {
         sqlx::any::install_default_drivers();
-        let write = shared_pool(settings, settings.write_connections).await?;
+        let write = WatchedPool::new(shared_pool(settings, settings.write_connections).await?, None);
         let mut connection = write.acquire().await?;
         // Without timeouts: another process may be migrating.
         connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
         connection.execute(SESSION).await?;
         drop(connection);
-        let read = shared_pool(settings, settings.read_connections).await?;
+        let read = WatchedPool::new(shared_pool(settings, settings.read_connections).await?, None);
         Ok(Self {
             dialect: Dialect::Postgres,
             write,
@@ -287,7 +291,7 @@ mod tests {
             let mut settings = crate::store::SharedSettings::new(url, objects);
             // A temporary table belongs to its connection.
             (settings.write_connections, settings.read_connections) = (1, 1);
-            let write = shared_pool(&settings, 1).await.unwrap();
+            let write = WatchedPool::new(shared_pool(&settings, 1).await.unwrap(), None);
             databases.push(Database {
                 dialect: Dialect::Postgres,
                 read: write.clone(),

@@ -9,13 +9,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
-use sqlx::{Any, Transaction};
 
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 use crate::store::assets::channel_of;
 use crate::store::database::rows::{from_json, from_ns, get, get_json, to_ns};
+use crate::store::database::watched::WatchedTransaction;
 use crate::store::layouts::Layouts;
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
@@ -260,7 +260,7 @@ impl Store {
 
 /// Rows of a channel's history after a segment, or from its start.
 pub(in crate::store) async fn rows_after(
-    snapshot: &mut Transaction<'_, Any>,
+    snapshot: &mut WatchedTransaction,
     channel: &ChannelSummary,
     after: Option<&SegmentKey>,
     most: usize,

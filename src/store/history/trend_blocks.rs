@@ -4,13 +4,13 @@
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use prost::Message;
-use sqlx::{Any, Transaction};
 
 use super::trend::{self, Trend, WearPoint, rows_after};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::store::assets::channel_of;
 use crate::store::database::rows::{from_json, from_ns, get, get_count, to_json, to_ns};
+use crate::store::database::watched::WatchedTransaction;
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
 /// Number of records in a block.
@@ -203,7 +203,7 @@ impl Block {
 
 /// Starts a history from its stored blocks.
 pub(in crate::store) async fn load(
-    snapshot: &mut Transaction<'_, Any>,
+    snapshot: &mut WatchedTransaction,
     channel: &ChannelSummary,
     trend: &mut Trend,
 ) -> Result<(), StoreError> {
@@ -233,7 +233,6 @@ pub(in crate::store) async fn load(
 impl Store {
     /// Stores the missing blocks of long histories.
     pub async fn store_trend_blocks(&self) -> Result<(), StoreError> {
-        self.check_whole()?;
         let lacking = sqlx::query(
             "SELECT * FROM channels c WHERE c.segments >= $1 AND c.segments >= $1 * (1 + (
                 SELECT COUNT(*) FROM trend_blocks b
@@ -319,7 +318,7 @@ impl Store {
         .bind(to_ns(*last_start)?)
         .bind(last_id.0.as_str())
         .bind(Block::of(&trend)?.encode_to_vec())
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(kept.rows_affected() > 0)
     }

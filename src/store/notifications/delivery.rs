@@ -70,7 +70,6 @@ impl Store {
         lease: SignedDuration,
         local: Timestamp,
     ) -> Result<Option<PendingNotification>, StoreError> {
-        self.check_whole()?;
         let now = self.now(local).await?;
         let until = now.saturating_add(lease).unwrap_or(Timestamp::MAX);
         loop {
@@ -95,7 +94,7 @@ impl Store {
             .bind(recipient)
             .bind(to_ns(now)?)
             .bind(to_ns(until)?)
-            .fetch_optional(self.write())
+            .fetch_optional(self.write()?)
             .await?;
             // If another process leased it first, the next one may be free.
             if let Some(row) = taken {
@@ -132,7 +131,7 @@ impl Store {
         .bind(error)
         .bind(to_ns(due_at)?)
         .bind(ended_at.map(to_ns).transpose()?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }
@@ -173,12 +172,11 @@ impl Store {
 
     /// Removes old notifications.
     pub async fn forget_notifications(&self, local: Timestamp) -> Result<(), StoreError> {
-        self.check_whole()?;
         let now = self.now(local).await?;
         let before = to_ns(now.saturating_sub(KEPT).unwrap_or(Timestamp::MIN))?;
         sqlx::query("DELETE FROM notifications WHERE ended_at_ns < $1 OR noted_at_ns < $1")
             .bind(before)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(())
     }

@@ -2,10 +2,9 @@
 
 use std::collections::{HashMap, HashSet};
 
-use sqlx::{Any, Transaction};
-
 use crate::asset::AssetId;
 use crate::store::database::rows::{get, get_count, placeholders};
+use crate::store::database::watched::WatchedTransaction;
 use crate::store::{Store, StoreError};
 
 /// Maximum number of names in one query.
@@ -50,7 +49,7 @@ impl Store {
         quota: u64,
         most: u32,
     ) -> Result<GivenUp, StoreError> {
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         // Other processes wait here until the end of this transaction, and then see its result.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'retention'")
             .execute(&mut *transaction)
@@ -117,10 +116,7 @@ impl Store {
 }
 
 /// Total size in bytes of the raw objects of an asset, or of all.
-async fn volume(
-    transaction: &mut Transaction<'static, Any>,
-    asset: Option<&AssetId>,
-) -> Result<u64, StoreError> {
+async fn volume(transaction: &mut WatchedTransaction, asset: Option<&AssetId>) -> Result<u64, StoreError> {
     let text = "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS volume FROM raw_volumes";
     let row = match asset {
         Some(asset) => {
@@ -136,7 +132,7 @@ async fn volume(
 
 /// Returns the names that an asset references.
 pub(in crate::store) async fn kept_among(
-    transaction: &mut Transaction<'static, Any>,
+    transaction: &mut WatchedTransaction,
     names: &[String],
 ) -> Result<HashSet<String>, StoreError> {
     let mut kept = HashSet::new();

@@ -86,7 +86,6 @@ impl Store {
     /// records and those with a reference wear, the latest record, and those from which a baseline is made.
     /// The results that are kept stay as they were estimated from all records.
     pub async fn thin_results(&self, thinning: Thinning) -> Result<u64, StoreError> {
-        self.check_whole()?;
         let (mut removed, mut after) = (0, 0);
         loop {
             let rows = sqlx::query(

@@ -79,7 +79,7 @@ impl Store {
         state: &Bytes,
         most: usize,
     ) -> Result<bool, StoreError> {
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         // Streams of an asset are created one after the other.
         let text = format!(
             "SELECT created_at_ns, (SELECT COUNT(*) FROM streams WHERE asset_id = $1 AND name <> $2) AS others
@@ -206,7 +206,6 @@ impl Store {
         stream: StreamKey,
         append: &StreamAppend<'_>,
     ) -> Result<bool, StoreError> {
-        self.check_whole()?;
         // The lock keeps a checkpoint from removing the row that has the number.
         let text = format!(
             "INSERT INTO stream_entries (stream_no, number, first_index, end_index, pending, entries)
@@ -221,7 +220,7 @@ impl Store {
             .bind(to_integer(append.end))
             .bind(append.pending as i64)
             .bind(JournalEntry::encode(append.entries).to_vec())
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(inserted.rows_affected() > 0)
     }
@@ -235,7 +234,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let mut levels = Vec::new();
         checkpoint.levels.iter().for_each(|level| level.write(&mut levels));
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         let row = sqlx::query(
             "UPDATE streams SET checkpoint = $2, level_bytes = level_bytes + $3
              WHERE stream_no = $1 AND checkpoint = $4 RETURNING level_bytes",
@@ -376,7 +375,7 @@ impl Store {
         .bind(to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))?)
         .bind(to_ns(now)?)
         .bind(i64::from(takes))
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(begun.rows_affected() > 0)
     }
@@ -389,7 +388,7 @@ impl Store {
         )
         .bind(cutter)
         .bind(stream.map_or(-1, |stream| stream.0))
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }

@@ -31,7 +31,7 @@ impl Store {
     ) -> Result<KeyedUpload, StoreError> {
         sqlx::query("DELETE FROM keyed_uploads WHERE received_at_ns < $1")
             .bind(to_ns(now - REMEMBERED)?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         let begun = sqlx::query(
             "INSERT INTO keyed_uploads (asset_id, upload_key, request_sha256, received_at_ns) VALUES ($1, $2, $3, $4)
@@ -41,7 +41,7 @@ impl Store {
         .bind(key)
         .bind(request_sha256)
         .bind(to_ns(now)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         if begun.rows_affected() > 0 {
             return Ok(KeyedUpload {
@@ -77,7 +77,7 @@ impl Store {
         .bind(asset.as_str())
         .bind(key)
         .bind(answer)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         if kept.rows_affected() > 0 {
             return Ok(None);

@@ -107,7 +107,7 @@ impl Store {
         .bind(i64::from(most))
         .bind(upload.id.get(..CLIENT_MARK).unwrap_or(&upload.id))
         .bind(i64::from(most_of_client))
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(begun.rows_affected() > 0)
     }
@@ -134,7 +134,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let at = i64::try_from(at).unwrap_or(i64::MAX);
         let bytes = i64::try_from(piece.bytes).unwrap_or(i64::MAX);
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         let advanced = sqlx::query(
             "UPDATE resumable_uploads SET received = received + $3, expires_at_ns = $4
              WHERE id = $1 AND received = $2 AND progress = 'receiving' AND received + $3 <= length",
@@ -180,7 +180,7 @@ impl Store {
              WHERE received = length AND progress IN ('receiving', 'reading') AND expires_at_ns <= $1",
         )
         .bind(to_ns(expires_at)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }
@@ -204,7 +204,7 @@ impl Store {
             .bind(to_ns(now)?)
             .bind(id)
             .bind(alive_until(now)?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
         Ok(begun.rows_affected() > 0)
     }
@@ -217,7 +217,7 @@ impl Store {
         )
         .bind(id)
         .bind(alive_until(now)?)
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(())
     }
@@ -233,7 +233,7 @@ impl Store {
             Ok(result) => (UploadProgress::Finished, result, ""),
             Err(error) => (UploadProgress::Failed, "", error),
         };
-        let mut transaction = self.write().begin().await?;
+        let mut transaction = self.write()?.begin().await?;
         sqlx::query(
             "UPDATE resumable_uploads SET progress = $2, result = NULLIF($3, ''), error = NULLIF($4, ''), expires_at_ns = $5, reader_until_ns = NULL
              WHERE id = $1 AND progress = 'reading'",
@@ -266,7 +266,7 @@ impl Store {
         )
         .bind(id)
         .bind(if is_reader { i64::MAX } else { to_ns(now)? })
-        .execute(self.write())
+        .execute(self.write()?)
         .await?;
         Ok(gone.rows_affected() > 0)
     }
@@ -289,7 +289,7 @@ impl Store {
             )
             .bind(id.as_str())
             .bind(to_ns(now)?)
-            .execute(self.write())
+            .execute(self.write()?)
             .await?;
             if deleted.rows_affected() > 0 {
                 gone.push(id);

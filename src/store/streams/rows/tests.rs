@@ -24,7 +24,7 @@ async fn stores(folder: &Path) -> Vec<Store> {
 async fn drop_schema(store: &Store) {
     if store.is_shared() {
         let drop = format!("DROP SCHEMA streams_{} CASCADE", std::process::id());
-        sqlx::query(&drop).execute(store.write()).await.unwrap();
+        sqlx::query(&drop).execute(store.write().unwrap()).await.unwrap();
     }
     store.close().await;
 }
