@@ -106,6 +106,9 @@ impl Recomputer {
             }
         }
         if outcome == UpdateOutcome::Done {
+            let description = described(&self.store, asset).await?;
+            let served = self.store.channels(asset).await?.into_iter().map(|channel| channel.keys.fold);
+            self.simulations.keep_estimators(&description.spec, served);
             self.store.mark_up_to_date(asset, version).await?;
         }
         Ok(outcome)

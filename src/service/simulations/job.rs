@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -206,7 +206,12 @@ impl Job {
 
     /// Publishes the library and its ensemble; the stage `next` is simulated meanwhile.
     fn ready(&self, library: Arc<Library>, ensemble: Ensemble, next: Option<SimulationStage>) {
-        lock(&self.ensembles).insert(self.id.clone(), Arc::new(ensemble));
+        {
+            let mut ensembles = lock(&self.ensembles);
+            if !self.cancel.load(Ordering::Relaxed) {
+                ensembles.insert(self.id.clone(), Arc::new(ensemble));
+            }
+        }
         self.simulation.send_modify(|simulation| {
             simulation.readiness = Readiness::Ready(library);
             simulation.progress = next.map(SimulationProgress::begin);

@@ -2,6 +2,7 @@
 //! without it at first, and again once it is ready.
 
 mod cost;
+mod estimators;
 mod failures;
 mod job;
 mod source;
@@ -22,6 +23,8 @@ use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
 use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, ensemble_id, library_id};
 use cost::Cost;
+use estimators::Estimators;
+pub(crate) use estimators::KeyedEstimator;
 use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
@@ -30,30 +33,6 @@ use turns::Turns;
 /// How long a record waits for its library to be loaded from the cache, so that its history continues with
 /// the library it was folded with.
 const MAX_LOAD_WAIT: Duration = Duration::from_secs(10);
-
-/// An estimator with keys that identify all its inputs.
-#[derive(Debug, Clone)]
-pub(crate) struct KeyedEstimator {
-    pub(crate) estimator: ChannelEstimator,
-    /// A fold under another key has to start again.
-    pub(crate) fold_key: String,
-    /// Features under another key cannot be folded.
-    pub(crate) feature_key: Arc<str>,
-    /// Why it has no library; `None` if it has one.
-    lack: Option<MissingLibrary>,
-}
-
-impl KeyedEstimator {
-    /// Whether it will be replaced once the asset's library is ready.
-    pub(crate) fn awaits_library(&self) -> bool {
-        self.lack == Some(MissingLibrary::Simulating)
-    }
-
-    /// Whether it has no library.
-    pub(crate) fn is_without_library(&self) -> bool {
-        self.lack.is_some()
-    }
-}
 
 /// A library that assets need.
 struct RequestedLibrary {
@@ -64,11 +43,6 @@ struct RequestedLibrary {
 }
 
 impl RequestedLibrary {
-    fn is_over(&self) -> bool {
-        let simulation = self.simulation.borrow();
-        !simulation.is_loading && simulation.progress.is_none()
-    }
-
     fn has_failed(&self) -> bool {
         self.simulation.borrow().error.is_some()
     }
@@ -83,8 +57,7 @@ pub struct Simulations {
     /// For module 6 mm; [`GridSettings::for_pair`] gives the settings for a pair.
     grid: GridSettings,
     requested: Arc<RequestedLibraries>,
-    /// By fold key, including those of histories that are being recomputed.
-    estimators: Mutex<HashMap<String, KeyedEstimator>>,
+    estimators: Mutex<Estimators>,
     neighbours: EnsembleSettings,
     ensembles: Arc<Ensembles>,
     /// Receives the assets whose library is ready, has more members, or has failed.
@@ -184,6 +157,14 @@ impl Simulations {
     /// Forgets a deleted asset: simulations for this asset alone are stopped.
     pub(crate) fn release(&self, asset: &AssetId) {
         self.release_except(asset, None);
+        lock(&self.estimators).keep_only(asset, &[]);
+    }
+
+    /// Forgets the estimators of an asset's earlier histories; those with these fold keys are served.
+    pub(crate) fn keep_estimators(&self, spec: &AssetSpec, served: impl IntoIterator<Item = String>) {
+        let current = self.estimator(spec).fold_key;
+        let kept: Vec<String> = served.into_iter().chain([current]).collect();
+        lock(&self.estimators).keep_only(&spec.id, &kept);
     }
 
     fn release_except(&self, asset: &AssetId, kept: Option<&str>) {
@@ -194,11 +175,10 @@ impl Simulations {
             {
                 return true;
             }
-            let is_there = requested.is_over() && !requested.has_failed();
-            if !is_there {
-                requested.cancel.store(true, Ordering::Relaxed);
-            }
-            is_there
+            // Before the ensemble is removed, so that the simulation adds none after that.
+            requested.cancel.store(true, Ordering::Relaxed);
+            lock(&self.ensembles).remove(id);
+            false
         });
     }
 
@@ -285,7 +265,8 @@ impl Simulations {
         self.neighbours.members > 0 && (simulation.is_loading || simulation.progress.is_some())
     }
 
-    /// The estimator of a fold key, if it was in use since the start.
+    /// The estimator of a fold key, if an asset has used it since the start for its description or for a
+    /// history that is still served.
     pub(crate) fn estimator_of(&self, fold_key: &str) -> Option<KeyedEstimator> {
         lock(&self.estimators).get(fold_key).cloned()
     }
@@ -298,8 +279,7 @@ impl Simulations {
         let feature_key = analysis_keys(spec).feature;
         let rules = spec.alarm_rules();
         let fold_key = fold_key(&settings, &feature_key, library.as_deref(), &rules);
-        let mut estimators = lock(&self.estimators);
-        let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| {
+        lock(&self.estimators).of(&spec.id, &fold_key, || {
             let (estimator, lack) = match library {
                 Ok(ensemble) if ensemble.is_part_of(&self.neighbours) => {
                     (ChannelEstimator::provisional(settings, ensemble, rules), None)
@@ -307,9 +287,8 @@ impl Simulations {
                 Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),
                 Err(lack) => (ChannelEstimator::without_library(settings, lack.clone(), rules), Some(lack)),
             };
-            KeyedEstimator { estimator, fold_key, feature_key, lack }
-        });
-        keyed.clone()
+            KeyedEstimator { estimator, fold_key: fold_key.clone(), feature_key, lack }
+        })
     }
 }
 
