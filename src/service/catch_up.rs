@@ -13,9 +13,10 @@ use super::sensor_group::described;
 use super::work_queue::Role;
 use super::workers::Workers;
 use crate::asset::{AssetId, Segment, SegmentId};
+use crate::signal::MAX_RECORD_SAMPLES;
 use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
 
-/// Records analysed in one batch.
+/// Maximum number of records analysed in one batch.
 const AT_ONCE: u32 = 32;
 
 /// Analyses earlier records for assets that share another one's sensor.
@@ -84,14 +85,20 @@ impl CatchUp {
                 return Ok(records);
             };
             filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
-            let segments = self.missing(member, segments).await?;
-            let spec = described(&self.store, member).await?.spec;
-            let _uncommitted = self.raw.uncommitted(Vec::new()).await;
-            let (store, id) = (self.store.clone(), member.clone());
-            let read =
-                move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
-            let again: Vec<IdentifiedRecord> = self.workers.run("read records", read).await?;
-            records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
+            let mut segments = self.missing(member, segments).await?;
+            while !segments.is_empty() {
+                let rest = segments.split_off(held_at_once(&segments));
+                let spec = described(&self.store, member).await?.spec;
+                let _uncommitted = self.raw.uncommitted(Vec::new()).await;
+                let (store, id) = (self.store.clone(), member.clone());
+                let samples = segments.iter().map(samples_of).sum();
+                let read =
+                    move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
+                let again: Vec<IdentifiedRecord> =
+                    self.workers.run_analysis("read records", samples, read).await?;
+                records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
+                segments = rest;
+            }
         }
     }
 
@@ -109,6 +116,21 @@ impl CatchUp {
         segments.retain(|segment| !known.contains(&own_id(segment)));
         Ok(segments)
     }
+}
+
+fn samples_of(segment: &Segment) -> usize {
+    usize::try_from(segment.samples).unwrap_or(usize::MAX)
+}
+
+/// Number of the first segments whose records are held in memory together: they have at most as many samples
+/// as the largest record may have.
+fn held_at_once(segments: &[Segment]) -> usize {
+    let mut samples = 0_usize;
+    let held = segments.iter().take_while(|segment| {
+        samples = samples.saturating_add(samples_of(segment));
+        samples <= MAX_RECORD_SAMPLES
+    });
+    held.count().max(1)
 }
 
 /// Reads a stored record for another asset of its sensor; returns `None` if its raw bytes cannot be read.
