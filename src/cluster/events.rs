@@ -10,7 +10,7 @@ use async_nats::jetstream::consumer::{DeliverPolicy, OrderedPullConsumer, pull};
 use async_nats::jetstream::stream::Stream;
 use futures_util::StreamExt;
 use tokio::sync::broadcast::Receiver;
-use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::mpsc;
 
 use super::ClusterError;
@@ -50,12 +50,12 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
             }
         }
         // Adds the events that arrived meanwhile.
-        while let Ok(event) = announced.try_recv() {
-            waiting.push_back(event);
-        }
+        collect(&mut announced, &mut waiting);
         while waiting.len() > MAX_WAITING {
-            waiting.pop_front();
-            lost += 1;
+            lost += match waiting.pop_front() {
+                Some(LiveEvent::Lost(count)) => count,
+                _ => 1,
+            };
         }
         if lost > 0 {
             waiting.push_front(LiveEvent::Lost(std::mem::take(&mut lost)));
@@ -66,6 +66,17 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
                 return;
             }
             tokio::time::sleep(Duration::from_millis(500)).await;
+        }
+    }
+}
+
+/// Takes the events announced so far, and the number of those lost in between.
+fn collect(announced: &mut Receiver<LiveEvent>, waiting: &mut VecDeque<LiveEvent>) {
+    loop {
+        match announced.try_recv() {
+            Ok(event) => waiting.push_back(event),
+            Err(TryRecvError::Lagged(count)) => waiting.push_back(LiveEvent::Lost(count)),
+            Err(TryRecvError::Empty | TryRecvError::Closed) => return,
         }
     }
 }
@@ -203,4 +214,22 @@ fn read(message: &async_nats::jetstream::Message) -> Option<NumberedEvent> {
         .inspect_err(|error| tracing::debug!(number, %error, "failed to read an event of another node"))
         .ok()?;
     Some(NumberedEvent { number, event })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::asset::AssetId;
+
+    #[test]
+    fn events_lost_before_they_were_taken_are_counted() {
+        let (sender, mut announced) = tokio::sync::broadcast::channel(2);
+        for _ in 0..5 {
+            sender.send(LiveEvent::AssetChanged(AssetId::new("pump").unwrap())).unwrap();
+        }
+        let mut waiting = VecDeque::new();
+        collect(&mut announced, &mut waiting);
+        assert_eq!(waiting.len(), 3);
+        assert!(matches!(waiting[0], LiveEvent::Lost(3)), "{:?}", waiting[0]);
+    }
 }
