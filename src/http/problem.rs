@@ -252,7 +252,9 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
-            ServiceError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            ServiceError::Recording(_) | ServiceError::TooManyRecords(_) => {
+                Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
+            }
             ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
             ServiceError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
@@ -275,7 +277,9 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
             ServiceError::File { .. } => Self::of_disk(&error),
-            ServiceError::WorkerLost(_) | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
+            ServiceError::WorkerLost(_)
+            | ServiceError::Threads { .. }
+            | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
         }
     }
 }

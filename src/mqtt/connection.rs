@@ -104,8 +104,18 @@ async fn keep_connected(
         let End::Lost(reason) = end else { return };
         if connections > before {
             wait = FIRST_WAIT;
+            tracing::warn!(
+                broker = settings.broker(),
+                reason,
+                "the connection to the MQTT broker ended: connecting again"
+            );
+        } else {
+            tracing::warn!(
+                broker = settings.broker(),
+                reason,
+                "failed to connect to the MQTT broker: retrying"
+            );
         }
-        tracing::warn!(broker = settings.broker(), reason, "failed to connect to the MQTT broker");
         feed.lost(reason);
         tokio::select! {
             () = tokio::time::sleep(jitter(wait)) => {}

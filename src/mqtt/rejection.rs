@@ -141,6 +141,8 @@ impl From<ServiceError> for FailureAction {
             ServiceError::RawDeleted(_) => Self::Reject(Rejection::new(410, error.to_string())),
             // An incoming record causes none of these, unless by an internal error.
             ServiceError::WorkerLost(_)
+            | ServiceError::Threads { .. }
+            | ServiceError::TooManyRecords(_)
             | ServiceError::QueuedRecordMismatch { .. }
             | ServiceError::Precondition(_)
             | ServiceError::ReplayFile { .. }

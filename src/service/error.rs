@@ -23,6 +23,9 @@ pub enum ServiceError {
     /// The bytes cannot be decoded as a record.
     #[error("{0}")]
     Recording(#[from] RecordingError),
+    /// A channel has too many records before its last inspection for estimates in hindsight.
+    #[error("the channel has more than {0} records before the inspection, the maximum for this computation")]
+    TooManyRecords(usize),
     /// A field has an invalid value.
     #[error("{field} is {value}, expected {expected}")]
     Field {
@@ -125,6 +128,14 @@ pub enum ServiceError {
     /// There is no such maintenance event.
     #[error("there is no maintenance event {0:?}")]
     MaintenanceUnknown(String),
+    /// The threads of a pool cannot be started.
+    #[error("cannot start {name} threads: {source}")]
+    Threads {
+        /// The name of the pool.
+        name: &'static str,
+        /// The error of the operating system.
+        source: rayon::ThreadPoolBuildError,
+    },
     /// A worker stopped before its task was done: a bug.
     #[error("a worker stopped before it could {0}")]
     WorkerLost(&'static str),

@@ -98,10 +98,15 @@ pub(crate) async fn check_sensor(
     if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {
         return refuse("an asset whose sensor is shared by fewer than 8 meshes");
     }
-    if before.is_some() && ids_beside(store, &spec.id).await.is_err() {
-        return refuse("no value, because other assets share the sensor of this one");
+    if before.is_none() {
+        return Ok(());
     }
-    Ok(())
+    match ids_beside(store, &spec.id).await {
+        Err(ServiceError::SensorShared { .. }) => {
+            refuse("no value, because other assets share the sensor of this one")
+        }
+        others => others.map(|_| ()),
+    }
 }
 
 /// Selects one of the assets of a sensor; its description includes the meshes of the others.

@@ -21,7 +21,8 @@ pub(crate) struct Thinner {
 }
 
 impl Thinner {
-    /// Thins once an hour in the background; of several processes on a store, one does so.
+    /// Looks once an hour, in the background, for channels that are due to be thinned; of several processes on
+    /// a store, one does so.
     pub(crate) fn in_background(self) {
         tokio::spawn(async move {
             while !self.store.is_closed() {

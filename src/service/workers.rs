@@ -200,7 +200,7 @@ pub(crate) fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadP
         // A panic ends one task, whose caller gets an error, and not the process.
         .panic_handler(|_| tracing::error!("a task panicked on a worker thread"))
         .build()
-        .map_err(|_| ServiceError::WorkerLost("start its threads"))
+        .map_err(|source| ServiceError::Threads { name, source })
 }
 
 async fn run_in<T: Send + 'static>(

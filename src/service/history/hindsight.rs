@@ -19,7 +19,7 @@ impl History {
     /// order of time; empty without an inspection. They are computed on demand; the stored estimates stay as
     /// they are.
     ///
-    /// Error: [`ServiceError::Field`] if there are too many records before the inspection.
+    /// Error: [`ServiceError::TooManyRecords`].
     pub async fn in_hindsight(
         &self,
         channel: &ChannelSummary,
@@ -41,11 +41,7 @@ impl History {
             let count = inputs.len();
             inputs.extend(before.map(|stored| FoldInput::of(stored, &estimator.feature_key)));
             if inputs.len() > MAX_RECORDS {
-                return Err(ServiceError::Field {
-                    field: "records before the inspection",
-                    value: format!("more than {MAX_RECORDS}"),
-                    expected: "at most 5000 records",
-                });
+                return Err(ServiceError::TooManyRecords(MAX_RECORDS));
             }
             if is_last || inputs.len() - count < READ_AT_ONCE as usize {
                 break;
