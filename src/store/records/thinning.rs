@@ -6,7 +6,7 @@ use sqlx::any::AnyRow;
 use crate::asset::SegmentId;
 use crate::store::assets::channel_of;
 use crate::store::commit::{Commit, ROWS_AT_ONCE};
-use crate::store::database::rows::{get, placeholders, to_ns};
+use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
 use crate::store::{ChannelSummary, Store, StoreError};
 
 /// Time between two rounds of thinning by any process.
@@ -141,7 +141,11 @@ impl Store {
         }
         let records = KEPT_PER_BASELINE_RECORD * i64::from(asset.spec.baseline.records);
         let kept = KeptStarts { starts_ns, records };
-        let before = thinning.before(channel.last_start_time.unwrap_or(Timestamp::UNIX_EPOCH));
+        // The places of the records after the newest state follow from their number.
+        let Some(folded) = commit.newest_state_start(&channel).await? else {
+            return Ok((0, true));
+        };
+        let before = thinning.before(channel.last_start_time.unwrap_or(Timestamp::UNIX_EPOCH)).min(folded);
         let (thinned_until_ns, first) = commit.old_records(&channel, before, 1).await?;
         let is_due = thinned_until_ns < to_ns(thinning.due(before))?;
         // Mostly the earliest record that is left still has its raw bytes.
@@ -176,6 +180,21 @@ impl Store {
 }
 
 impl Commit {
+    /// The time of the last record in the newest stored state of a channel's served history.
+    async fn newest_state_start(
+        &mut self,
+        channel: &ChannelSummary,
+    ) -> Result<Option<Timestamp>, StoreError> {
+        let row = sqlx::query(
+            "SELECT MAX(start_time_ns) AS start_ns FROM fold_states WHERE channel_no = $1 AND generation = $2",
+        )
+        .bind(channel.channel_no)
+        .bind(channel.wear_generation)
+        .fetch_one(&mut *self.transaction)
+        .await?;
+        Ok(get::<Option<i64>>(&row, "start_ns")?.map(from_ns))
+    }
+
     /// The time until which a channel is thinned, and up to `limit` of the next records.
     async fn old_records(
         &mut self,
