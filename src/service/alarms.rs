@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 
+use super::background::every;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
@@ -99,34 +100,45 @@ impl Alarms {
         Ok(stored)
     }
 
-    /// Ends expired shelvings in the background for as long as the service exists.
-    pub(crate) fn end_shelvings_in_background(self: &Arc<Self>) {
+    /// Applies an action of the service itself, unless an operator, a record or another process came first:
+    /// the alarm is in another state or gone.
+    pub(crate) async fn act_automatically(
+        &self,
+        known: StoredAlarm,
+        observed: Option<&ChannelSummary>,
+        action: AlarmAction,
+    ) -> Result<(), ServiceError> {
+        let done = OperatorAction { action, by: String::new(), comment: String::new() };
+        match self.act_on(known, observed, done).await {
+            Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Does `work` on the alarms each `interval` in the background, for as long as the service exists.
+    pub(crate) fn every<F>(
+        self: &Arc<Self>,
+        interval: Duration,
+        what: &'static str,
+        mut work: impl FnMut(Arc<Self>) -> F + Send + 'static,
+    ) where
+        F: Future<Output = Result<(), ServiceError>> + Send + 'static,
+    {
         let alarms = Arc::downgrade(self);
-        tokio::spawn(async move {
-            loop {
-                tokio::time::sleep(SHELVING_INTERVAL).await;
-                let Some(alarms) = alarms.upgrade() else { return };
-                if alarms.store.is_closed() {
-                    return;
-                }
-                if let Err(error) = alarms.end_shelvings().await {
-                    tracing::warn!(%error, "failed to end expired shelvings");
-                }
-            }
+        every(interval, interval, what, &self.store, move || alarms.upgrade().map(&mut work));
+    }
+
+    /// Ends expired shelvings in the background.
+    pub(crate) fn end_shelvings_in_background(self: &Arc<Self>) {
+        self.every(SHELVING_INTERVAL, "end expired shelvings", |alarms| async move {
+            alarms.end_shelvings().await
         });
     }
 
     async fn end_shelvings(&self) -> Result<(), ServiceError> {
-        for alarm in self.store.expired_shelvings(self.clock.now(), MAX_EXPIRED).await? {
-            let over = OperatorAction {
-                action: AlarmAction::ShelvingOver,
-                by: String::new(),
-                comment: String::new(),
-            };
-            match self.act(&alarm, over).await {
-                // Another action came first: the alarm is unshelved, shelved again or gone.
-                Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => {}
-                Err(error) => return Err(error),
+        for id in self.store.expired_shelvings(self.clock.now(), MAX_EXPIRED).await? {
+            if let Some(stored) = self.store.alarm(&id).await? {
+                self.act_automatically(stored, None, AlarmAction::ShelvingOver).await?;
             }
         }
         Ok(())

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::alarms::{Alarms, OperatorAction};
+use super::alarms::Alarms;
 use super::error::ServiceError;
 use super::joint_wear::JointWear;
 use crate::asset::AssetId;
@@ -26,19 +26,10 @@ struct CheckedState {
 impl Alarms {
     /// Raises and clears these alarms in the background for as long as the service exists.
     pub(crate) fn watch_joint_novelty_in_background(self: &Arc<Self>) {
-        let alarms = Arc::downgrade(self);
-        tokio::spawn(async move {
-            let mut checked = CheckedState::default();
-            loop {
-                tokio::time::sleep(INTERVAL).await;
-                let Some(alarms) = alarms.upgrade() else { return };
-                if alarms.store.is_closed() {
-                    return;
-                }
-                if let Err(error) = alarms.watch_joint_novelty(&mut checked).await {
-                    tracing::warn!(%error, "failed to check the joint novelty of all channels");
-                }
-            }
+        let checked = Arc::new(tokio::sync::Mutex::<CheckedState>::default());
+        self.every(INTERVAL, "check the joint novelty of all channels", move |alarms| {
+            let checked = Arc::clone(&checked);
+            async move { alarms.watch_joint_novelty(&mut *checked.lock().await).await }
         });
     }
 
@@ -82,15 +73,6 @@ impl Alarms {
         if severity == known.alarm.severity() {
             return Ok(());
         }
-        let action = OperatorAction {
-            action: AlarmAction::Joint { severity, value },
-            by: String::new(),
-            comment: String::new(),
-        };
-        match self.act_on(known, Some(first), action).await {
-            // Another process or a record came first.
-            Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
-            Err(error) => Err(error),
-        }
+        self.act_automatically(known, Some(first), AlarmAction::Joint { severity, value }).await
     }
 }

@@ -29,6 +29,7 @@
 
 mod alarms;
 mod assets;
+mod background;
 mod catch_up;
 mod clock;
 mod error;

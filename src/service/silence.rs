@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::alarms::{Alarms, OperatorAction};
+use super::alarms::Alarms;
 use super::error::ServiceError;
 use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, Severity};
@@ -23,19 +23,10 @@ struct Rules {
 impl Alarms {
     /// Raises and clears silence alarms in the background for as long as the service exists.
     pub(crate) fn watch_silence_in_background(self: &Arc<Self>) {
-        let alarms = Arc::downgrade(self);
-        tokio::spawn(async move {
-            let mut rules = Rules::default();
-            loop {
-                tokio::time::sleep(INTERVAL).await;
-                let Some(alarms) = alarms.upgrade() else { return };
-                if alarms.store.is_closed() {
-                    return;
-                }
-                if let Err(error) = alarms.watch_silence(&mut rules).await {
-                    tracing::warn!(%error, "failed to check for silent channels");
-                }
-            }
+        let rules = Arc::new(tokio::sync::Mutex::<Rules>::default());
+        self.every(INTERVAL, "check for silent channels", move |alarms| {
+            let rules = Arc::clone(&rules);
+            async move { alarms.watch_silence(&mut *rules.lock().await).await }
         });
     }
 
@@ -82,15 +73,7 @@ impl Alarms {
         severity: Option<Severity>,
         silent_s: f64,
     ) -> Result<(), ServiceError> {
-        let action = OperatorAction {
-            action: AlarmAction::Stale { severity, silent_s: silent_s as u64 },
-            by: String::new(),
-            comment: String::new(),
-        };
-        match self.act_on(known, Some(&silence.channel), action).await {
-            // Another process or a record came first.
-            Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
-            Err(error) => Err(error),
-        }
+        let action = AlarmAction::Stale { severity, silent_s: silent_s as u64 };
+        self.act_automatically(known, Some(&silence.channel), action).await
     }
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use jiff::SignedDuration;
 
+use super::background::every;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::limits::OldResults;
@@ -24,13 +25,10 @@ impl Thinner {
     /// Looks once an hour, in the background, for channels that are due to be thinned; of several processes on
     /// a store, one does so.
     pub(crate) fn in_background(self) {
-        tokio::spawn(async move {
-            while !self.store.is_closed() {
-                if let Err(error) = self.run_once().await {
-                    tracing::warn!(%error, "failed to thin the results of old records: retrying later");
-                }
-                tokio::time::sleep(CHECK_INTERVAL).await;
-            }
+        let (store, thinner) = (self.store.clone(), Arc::new(self));
+        every(CHECK_INTERVAL, Duration::ZERO, "thin the results of old records", &store, move || {
+            let thinner = Arc::clone(&thinner);
+            Some(async move { thinner.run_once().await })
         });
     }
 

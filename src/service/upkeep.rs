@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::background::every;
 use super::catch_up::CatchUp;
 use super::clock::Clock;
 use super::error::ServiceError;
@@ -28,13 +29,10 @@ impl Upkeep {
     /// Brings outdated histories up to date, lets members of sensor groups catch up, and removes what is no
     /// longer needed, periodically in the background.
     pub(crate) fn in_background(self) {
-        tokio::spawn(async move {
-            while !self.store.is_closed() {
-                if let Err(error) = self.run_once().await {
-                    tracing::warn!(%error, "failed to maintain the shared store: retrying later");
-                }
-                tokio::time::sleep(self.interval).await;
-            }
+        let (store, interval, upkeep) = (self.store.clone(), self.interval, Arc::new(self));
+        every(interval, Duration::ZERO, "maintain the shared store", &store, move || {
+            let upkeep = Arc::clone(&upkeep);
+            Some(async move { upkeep.run_once().await })
         });
     }
 

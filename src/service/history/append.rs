@@ -9,11 +9,10 @@ use tokio::sync::OwnedMutexGuard;
 use super::History;
 use super::channels::{Revisions, Slot};
 use super::fold::{FoldInput, Folded, states_of, while_recomputing};
-use super::folding::Folding;
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
-use crate::service::simulations::{KeyedEstimator, Simulations};
+use crate::service::simulations::KeyedEstimator;
 use crate::store::{
     AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
 };
@@ -51,12 +50,11 @@ impl Fold {
     }
 }
 
-impl Folding {
-    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator for the
-    /// current description and library.
+impl History {
+    /// Folds the new segments of a channel into its history as far as that is done at once, without writing
+    /// anything yet; `current` is the estimator for the current description and library.
     pub(crate) async fn append<'a>(
         &self,
-        simulations: &Simulations,
         asset: &'a Asset,
         current: &KeyedEstimator,
         channel: ChannelSummary,
@@ -70,8 +68,8 @@ impl Folding {
         if channel.segments == 0 {
             // The first records of a channel are folded under the current keys.
             let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
-            let timeline = self.timeline(asset, None, &mut slot).await?;
-            let folded = self.fold_with_priority(current, None, inputs_of(&new), &timeline).await?;
+            let timeline = self.folding.timeline(asset, None, &mut slot).await?;
+            let folded = self.folding.fold_with_priority(current, None, inputs_of(&new), &timeline).await?;
             let estimator = current.clone();
             return Ok(Appended {
                 asset,
@@ -85,7 +83,7 @@ impl Folding {
         let keys = channel.keys.clone();
         let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
         // Records are folded with the estimator of the served history until another history is served.
-        let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
+        let estimator = self.simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
             Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
             None => Fold::while_recomputing(asset, &new),
@@ -101,10 +99,10 @@ impl Folding {
         new: &BTreeMap<SegmentKey, NewSegment>,
         slot: &mut Slot,
     ) -> Result<Fold, ServiceError> {
-        let timeline = self.timeline(asset, Some(channel), slot).await?;
+        let timeline = self.folding.timeline(asset, Some(channel), slot).await?;
         let points = match slot.points.take() {
             Some(points) => points,
-            None => self.recent_points(estimator, channel, &timeline).await?,
+            None => self.folding.recent_points(estimator, channel, &timeline).await?,
         };
         let points = slot.points.insert(points);
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
@@ -113,7 +111,7 @@ impl Folding {
         let newest = points.newest().cloned();
         let from = match points.before(first) {
             Some(point) => Some(point.clone()),
-            None => self.point_before(channel, first).await?,
+            None => self.folding.point_before(channel, first).await?,
         };
         let after = from.as_ref().map_or(0, |point| point.position);
         let stored_after =
@@ -121,21 +119,25 @@ impl Folding {
         let mut inputs = inputs_of(new);
         let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
         if is_latest {
-            let folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
+            let folded = self.folding.fold_with_priority(estimator, from, inputs, &timeline).await?;
             let estimator = estimator.clone();
             return Ok(Fold::Complete { after, folded, estimator });
         }
         let fold_all = stored_after <= u64::from(FOLDED_AT_ONCE) && newest.is_some();
         // All stored records after the state, or only those before the last new one.
         let state = from.as_ref().map(|point| &point.last);
-        let mut stored = self.store.features(channel, state, FOLDED_AT_ONCE + 1).await?;
+        let mut stored = self
+            .folding
+            .store
+            .features(channel, channel.served_analyses(), state, FOLDED_AT_ONCE + 1)
+            .await?;
         stored.retain(|stored| fold_all || stored.key < *last);
         if stored.len() > FOLDED_AT_ONCE as usize {
             return Ok(Fold::while_recomputing(asset, new));
         }
         inputs.extend(stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)));
         inputs.sort_by(|a, b| a.key.cmp(&b.key));
-        let mut folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
+        let mut folded = self.folding.fold_with_priority(estimator, from, inputs, &timeline).await?;
         if fold_all {
             // The results before the first new record are unchanged.
             folded.results.retain(|(key, _)| key >= first);
@@ -192,19 +194,21 @@ impl Appended<'_> {
         }
         Ok(notices)
     }
+}
 
-    /// Updates the channel's slot and returns the stored segments. To be called after the commit.
-    fn committed(self, simulations: &Simulations, are_many: bool) -> Committed {
-        let Self { asset, channel, mut new, mut slot, fold, .. } = self;
+impl History {
+    /// Updates the state of a channel in memory after the commit, and returns the stored segments.
+    pub(crate) fn committed(&self, appended: Appended<'_>) -> Committed {
+        let Appended { asset, channel, mut new, mut slot, fold, .. } = appended;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
             Fold::Complete { after, folded, estimator } => {
                 // Nothing else notices that the library of a new channel became ready in the meantime.
-                let now = || simulations.estimator(&asset.spec).fold_key;
+                let now = || self.simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
                 let points = slot.points.get_or_insert_default();
                 points.replace(after, folded.points);
-                if are_many {
+                if self.channels.are_many() {
                     points.keep_newest();
                 }
                 (folded.results, is_outdated)
@@ -213,13 +217,6 @@ impl Appended<'_> {
         };
         let stored = results.into_iter().filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
         Committed { segments: stored.collect(), outdated: is_outdated.then(|| asset.spec.id.clone()) }
-    }
-}
-
-impl History {
-    /// Updates the state of a channel in memory after the commit, and returns the stored segments.
-    pub(crate) fn committed(&self, appended: Appended<'_>) -> Committed {
-        appended.committed(&self.simulations, self.channels.are_many())
     }
 }
 

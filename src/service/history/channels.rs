@@ -3,8 +3,6 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use tokio::sync::OwnedMutexGuard;
-
 use super::fold::RecentPoints;
 use super::timeline::Timeline;
 use crate::asset::AssetId;
@@ -84,11 +82,6 @@ impl Channels {
     /// Whether there are so many channels that each keeps its newest state only.
     pub(crate) fn are_many(&self) -> bool {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).len() > MAX_WITH_RECENT
-    }
-
-    /// Locks a channel for changes.
-    pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
-        self.slot(asset, channel).lock_owned().await
     }
 
     /// Drops the slots of a deleted asset.

@@ -55,7 +55,7 @@ impl Folding {
             },
         };
         let after = from.as_ref().map(|point| &point.last);
-        let stored = self.store.features(channel, after, MAX_FOLDED_AGAIN).await?;
+        let stored = self.store.features(channel, channel.served_analyses(), after, MAX_FOLDED_AGAIN).await?;
         if stored.len() as u64 >= u64::from(MAX_FOLDED_AGAIN) {
             return Ok(RecentPoints::default());
         }
@@ -75,7 +75,7 @@ impl Folding {
         key: &SegmentKey,
     ) -> Result<Option<FoldPoint>, ServiceError> {
         self.states_read.fetch_add(1, Ordering::Relaxed);
-        let stored = self.store.state_before(channel, key).await?;
+        let stored = self.store.state_before(channel, channel.served_wear(), key).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 

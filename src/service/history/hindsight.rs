@@ -35,7 +35,7 @@ impl History {
         let mut inputs: Vec<FoldInput> = Vec::new();
         loop {
             let after = inputs.last().map(|input| &input.key);
-            let read = store.features(channel, after, READ_AT_ONCE).await?;
+            let read = store.features(channel, channel.served_analyses(), after, READ_AT_ONCE).await?;
             let is_last = read.len() < READ_AT_ONCE as usize;
             let before = read.into_iter().take_while(|stored| stored.key.start_time < last);
             let count = inputs.len();

@@ -11,7 +11,6 @@ mod recompute;
 mod timeline;
 mod update_queue;
 
-use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -22,11 +21,11 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
 use super::recomputation::Recomputation;
-use super::simulations::{KeyedEstimator, Simulations};
+use super::simulations::Simulations;
 use super::work_queue::Role;
 use super::workers::Workers;
 use crate::asset::AssetId;
-use crate::store::{Asset, ChannelSummary, NewSegment, SegmentKey, Store};
+use crate::store::Store;
 pub(crate) use append::{Appended, Committed};
 pub(crate) use channels::Slot;
 use folding::Folding;
@@ -79,19 +78,7 @@ impl History {
 
     /// Locks a channel for changes.
     pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
-        self.channels.lock(asset, channel).await
-    }
-
-    /// Folds the new segments of a channel into its history, without writing anything yet.
-    pub(crate) async fn append<'a>(
-        &self,
-        asset: &'a Asset,
-        current: &KeyedEstimator,
-        channel: ChannelSummary,
-        new: BTreeMap<SegmentKey, NewSegment>,
-        slot: OwnedMutexGuard<Slot>,
-    ) -> Result<Appended<'a>, ServiceError> {
-        self.folding.append(&self.simulations, asset, current, channel, new, slot).await
+        self.channels.slot(asset, channel).lock_owned().await
     }
 
     /// Number of states of channels read from the store to append records to them.

@@ -226,7 +226,7 @@ impl Recomputer {
             if let Some(earliest) = changed_from
                 && passed(&history.point, &earliest)
             {
-                let stored = store.state_of_generation(channel, wear, &earliest).await?;
+                let stored = store.state_before(channel, wear, &earliest).await?;
                 history.point = stored.and_then(|stored| read_point(channel, stored));
             }
             // Also if no record is left: operator actions after the last one.
@@ -314,7 +314,7 @@ impl Recomputer {
         let store = &self.store;
         let FoldProgress { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
-        let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
+        let stored = store.features(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
         let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)).collect();
         let position = point.as_ref().map_or(0, |point| point.position);

@@ -2,7 +2,7 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use crate::store::database::rows::to_ns;
+use crate::store::database::rows::{lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
 /// How long a builder counts as alive after its last renewal.
@@ -46,5 +46,5 @@ impl Store {
 }
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
+    to_ns(lease_end(now, LEASE))
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use crate::store::database::rows::{get, placeholders, rows_of_placeholders, to_ns};
+use crate::store::database::rows::{get, lease_end, placeholders, rows_of_placeholders, to_ns};
 use crate::store::{Store, StoreError};
 
 /// How long a worker counts as alive after its last renewal.
@@ -26,7 +26,7 @@ impl Store {
              ON CONFLICT (worker) DO UPDATE SET alive_until_ns = excluded.alive_until_ns",
         )
         .bind(worker)
-        .bind(to_ns(now.saturating_add(WORKER_LEASE).unwrap_or(Timestamp::MAX))?)
+        .bind(to_ns(lease_end(now, WORKER_LEASE))?)
         .execute(self.write()?)
         .await?;
         sqlx::query("DELETE FROM queue_workers WHERE alive_until_ns < $1")

@@ -1,6 +1,6 @@
 //! Conversions between rows and domain types.
 
-use jiff::Timestamp;
+use jiff::{Timestamp, TimestampArithmetic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sqlx::any::AnyRow;
@@ -82,6 +82,11 @@ pub(in crate::store) fn asset_id(name: String) -> Result<AssetId, StoreError> {
 /// Nanoseconds UTC of a time.
 pub(in crate::store) fn to_ns(time: Timestamp) -> Result<i64, StoreError> {
     i64::try_from(time.as_nanosecond()).map_err(|_| StoreError::Time(time))
+}
+
+/// The end of a lease that begins now.
+pub(in crate::store) fn lease_end(now: Timestamp, lease: impl Into<TimestampArithmetic>) -> Timestamp {
+    now.saturating_add(lease).unwrap_or(Timestamp::MAX)
 }
 
 /// The time of nanoseconds UTC; every `i64` is one.

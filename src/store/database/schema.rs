@@ -180,7 +180,7 @@ mod tests {
 
         let store = Store::open(&StoreSettings::Folder(folder.path().to_owned())).await.unwrap();
         let channel = store.channels(&AssetId::new("pump".to_owned()).unwrap()).await.unwrap().remove(0);
-        let read = store.features(&channel, None, 10).await.unwrap().remove(0);
+        let read = store.features(&channel, channel.served_analyses(), None, 10).await.unwrap().remove(0);
         assert_eq!(read.indicators.values["rms"], 0.1);
         assert_eq!(read.features.values["ln_rms"], -2.3);
         assert_eq!(read.features.speed_doubt.as_deref(), Some(r#"a "quoted" line"#));

@@ -8,7 +8,7 @@ use sqlx::any::AnyRow;
 use crate::asset::SegmentId;
 use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns};
-use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
+use crate::store::{ChannelSummary, SegmentKey, Store, StoreError, WearGeneration};
 
 /// Number of records from one stored state to the next: at most as many are folded again after a start.
 pub const RECORDS_PER_STATE: u64 = 16;
@@ -46,19 +46,11 @@ impl Store {
         row.as_ref().map(state_of).transpose()
     }
 
-    /// The latest stored state, in the served generation, that includes neither `key` nor any later record.
+    /// The latest stored state of a generation that includes neither `key` nor any later record.
     pub async fn state_before(
         &self,
         channel: &ChannelSummary,
-        key: &SegmentKey,
-    ) -> Result<Option<FoldState>, StoreError> {
-        self.state_before_in(channel, channel.wear_generation, key).await
-    }
-
-    pub(in crate::store) async fn state_before_in(
-        &self,
-        channel: &ChannelSummary,
-        generation: i64,
+        generation: WearGeneration,
         key: &SegmentKey,
     ) -> Result<Option<FoldState>, StoreError> {
         let row = sqlx::query(
@@ -66,7 +58,7 @@ impl Store {
              ORDER BY position DESC LIMIT 1",
         )
         .bind(channel.channel_no)
-        .bind(generation)
+        .bind(generation.0)
         .bind(to_ns(key.start_time)?)
         .bind(key.id.0.as_str())
         .fetch_optional(self.read())

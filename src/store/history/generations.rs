@@ -15,11 +15,11 @@ use super::fold_states::FoldState;
 use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
 use crate::store::commit::Commit;
-use crate::store::database::rows::{get, get_time, to_ns};
+use crate::store::database::rows::{get, get_time, lease_end, to_ns};
 use crate::store::records::segments::new_segment_of;
 use crate::store::{
     AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult,
-    SegmentKey, Store, StoreError, StoredFeatures,
+    SegmentKey, Store, StoreError,
 };
 
 /// Time after its last write for which the process that writes a generation counts as alive; then another one
@@ -31,11 +31,11 @@ const LEASE_LOST: StoreError = StoreError::Outdated("the generation being writte
 
 /// A generation of a channel's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct AnalysisGeneration(i64);
+pub struct AnalysisGeneration(pub(in crate::store) i64);
 
 /// A generation of a channel's estimates; its holder recomputes the channel's history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WearGeneration(i64);
+pub struct WearGeneration(pub(in crate::store) i64);
 
 /// The versions of the inputs of a history: it is served only if they are still current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +50,11 @@ impl ChannelSummary {
     /// The served generation of analyses.
     pub fn served_analyses(&self) -> AnalysisGeneration {
         AnalysisGeneration(self.analysis_generation)
+    }
+
+    /// The served generation of estimates.
+    pub fn served_wear(&self) -> WearGeneration {
+        WearGeneration(self.wear_generation)
     }
 }
 
@@ -73,7 +78,7 @@ impl Store {
         // Until it is served, its rows count as leftovers.
         channel.leftovers = true;
         channel.next_wear = Some(channel.newest_generation);
-        channel.maker_until = Some(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX));
+        channel.maker_until = Some(lease_end(now, LEASE));
         channel.changed_from = None;
         commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
@@ -199,18 +204,6 @@ impl Store {
         commit.finish().await
     }
 
-    /// Up to `limit` segments of a channel after `after` with their features in a generation, in the order of
-    /// time.
-    pub async fn features_of_generation(
-        &self,
-        channel: &ChannelSummary,
-        generation: AnalysisGeneration,
-        after: Option<&SegmentKey>,
-        limit: u32,
-    ) -> Result<Vec<StoredFeatures>, StoreError> {
-        self.features_in(channel, generation.0, after, limit).await
-    }
-
     /// Adds estimates to a generation, with states of the fold after position `after`.
     ///
     /// Error: [`StoreError::Outdated`] if another process has taken over.
@@ -235,16 +228,6 @@ impl Store {
         commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
         commit.renew_lease(&channel, now).await?;
         commit.finish().await
-    }
-
-    /// The latest stored state of a generation that includes neither `key` nor any later record.
-    pub async fn state_of_generation(
-        &self,
-        channel: &ChannelSummary,
-        generation: WearGeneration,
-        key: &SegmentKey,
-    ) -> Result<Option<FoldState>, StoreError> {
-        self.state_before_in(channel, generation.0, key).await
     }
 
     /// Makes these generations the served ones, with the alarms folded with them; both must have every
@@ -380,7 +363,7 @@ impl Commit {
     async fn renew_lease(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
         sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
-            .bind(to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))?)
+            .bind(to_ns(lease_end(now, LEASE))?)
             .execute(&mut *self.transaction)
             .await?;
         Ok(())

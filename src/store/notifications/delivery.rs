@@ -3,7 +3,7 @@
 use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
 
-use crate::store::database::rows::{from_ns, get, get_count, get_json, get_time, to_ns};
+use crate::store::database::rows::{from_ns, get, get_count, get_json, get_time, lease_end, to_ns};
 use crate::store::{Notification, Store, StoreError};
 
 /// How long notifications are kept that are sent or given up, or whose recipient is no longer in any
@@ -71,7 +71,7 @@ impl Store {
         local: Timestamp,
     ) -> Result<Option<PendingNotification>, StoreError> {
         let now = self.now(local).await?;
-        let until = now.saturating_add(lease).unwrap_or(Timestamp::MAX);
+        let until = lease_end(now, lease);
         loop {
             let found = sqlx::query(
                 "SELECT n.id FROM notifications n WHERE n.recipient = $1 AND n.progress = 'waiting' AND n.due_at_ns <= $2

@@ -12,7 +12,7 @@ use crate::store::database::rows::{
     from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns,
 };
 use crate::store::layouts::Layouts;
-use crate::store::{AnalysisKeys, ChannelSummary, Store, StoreError};
+use crate::store::{AnalysisGeneration, AnalysisKeys, ChannelSummary, Store, StoreError};
 
 /// Sort key of a segment in its channel: its time, then its identifier.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -248,20 +248,12 @@ impl Store {
         Ok(found)
     }
 
-    /// Up to `limit` segments of a channel after `after` with their served features, in the order of time.
+    /// Up to `limit` segments of a channel after `after` with their features in a generation, in the order of
+    /// time.
     pub async fn features(
         &self,
         channel: &ChannelSummary,
-        after: Option<&SegmentKey>,
-        limit: u32,
-    ) -> Result<Vec<StoredFeatures>, StoreError> {
-        self.features_in(channel, channel.analysis_generation, after, limit).await
-    }
-
-    pub(in crate::store) async fn features_in(
-        &self,
-        channel: &ChannelSummary,
-        generation: i64,
+        generation: AnalysisGeneration,
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<StoredFeatures>, StoreError> {
@@ -272,7 +264,7 @@ impl Store {
              WHERE s.channel_no = $2 AND (s.start_time_ns, s.id) > ($3, $4)
              ORDER BY s.start_time_ns, s.id LIMIT $5",
         )
-        .bind(generation)
+        .bind(generation.0)
         .bind(channel.channel_no)
         .bind(after_ns)
         .bind(after_id)

@@ -12,7 +12,7 @@ use futures_util::TryStreamExt;
 use jiff::{SignedDuration, Timestamp};
 
 use crate::asset::AssetId;
-use crate::store::database::rows::{asset_id, get, get_count, to_ns};
+use crate::store::database::rows::{asset_id, get, get_count, lease_end, to_ns};
 use crate::store::{JournalEntry, Store, StoreError, TimedLevel};
 
 /// How long a process that stores the records of a stream counts as alive after its last renewal.
@@ -372,7 +372,7 @@ impl Store {
         )
         .bind(stream.0)
         .bind(cutter)
-        .bind(to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))?)
+        .bind(to_ns(lease_end(now, LEASE))?)
         .bind(to_ns(now)?)
         .bind(i64::from(takes))
         .execute(self.write()?)

@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
 
 use crate::asset::AssetId;
-use crate::store::database::rows::{asset_id, from_ns, get, get_count, get_time, to_ns};
+use crate::store::database::rows::{asset_id, from_ns, get, get_count, get_time, lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
 /// How long a process that reads an upload counts as alive after its last renewal.
@@ -318,7 +318,7 @@ impl Store {
 const UNREAD: &str = "received = length AND (progress = 'receiving' OR (progress = 'reading' AND COALESCE(reader_until_ns, 0) < $1))";
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
+    to_ns(lease_end(now, LEASE))
 }
 
 fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
