@@ -22,8 +22,8 @@ pub(crate) struct Thinner {
 }
 
 impl Thinner {
-    /// Looks once an hour, in the background, for channels that are due to be thinned; of several processes on
-    /// a store, one does so.
+    /// Looks once an hour, in the background, for channels that are due to be thinned; of several processes
+    /// on a store, one does so.
     pub(crate) fn in_background(self) {
         let (store, thinner) = (self.store.clone(), Arc::new(self));
         every(CHECK_INTERVAL, Duration::ZERO, "thin the results of old records", &store, move || {

@@ -17,9 +17,9 @@ use crate::store::{
     AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
 };
 
-/// Maximum number of stored records that are folded again at once, since the write transaction waits for them.
-/// If more follow a late record, only those between the nearest state and it are folded at once; if these are
-/// more too, its estimate also follows in the background.
+/// Maximum number of stored records that are folded again at once, since the write transaction waits for
+/// them. If more follow a late record, only those between the nearest state and it are folded at once; if
+/// these are more too, its estimate also follows in the background.
 const FOLDED_AT_ONCE: u32 = 512;
 
 /// A channel's new segments and the result of folding them.
