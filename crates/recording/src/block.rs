@@ -87,12 +87,15 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                     "at most 83951616 bytes: cut it into shorter records",
                 ));
             }
+            let invalid = RecordingError::protobuf("a WaveformBlock");
             let block = match packed_samples::split(bytes) {
                 // A split message has at most 64 KiB besides its samples, hence not too many pulses.
-                Some((samples, others)) => WaveformBlock { samples, ..WaveformBlock::decode(&others[..])? },
+                Some((samples, others)) => {
+                    WaveformBlock { samples, ..WaveformBlock::decode(&others[..]).map_err(invalid)? }
+                }
                 None => {
                     pulse_count::check_block(bytes)?;
-                    WaveformBlock::decode(bytes)?
+                    WaveformBlock::decode(bytes).map_err(invalid)?
                 }
             };
             Ok(DecodedBlock {

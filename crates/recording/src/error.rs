@@ -1,5 +1,7 @@
 //! Errors of reading and writing recordings.
 
+use std::borrow::Cow;
+
 use mcap::McapError;
 use thiserror::Error;
 
@@ -73,7 +75,7 @@ pub enum RecordingError {
         /// The value.
         value: String,
         /// The expected value.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// A truncated WAV recording.
     #[error("wav: the file ends in {part} at byte {byte}: {declared} bytes declared, {found} found")]
@@ -88,11 +90,21 @@ pub enum RecordingError {
         found: u64,
     },
     /// Not a protobuf message of the expected type.
-    #[error("not a WaveformBlock in protobuf: {0}")]
-    Protobuf(#[from] prost::DecodeError),
+    #[error("not {message} in protobuf: {source}")]
+    Protobuf {
+        /// Name of the expected message, with its article.
+        message: &'static str,
+        /// The problem.
+        source: prost::DecodeError,
+    },
     /// Not JSON, or a field is missing, unknown or of the wrong type.
-    #[error("not a WaveformBlock in JSON: {0}")]
-    Json(#[from] serde_json::Error),
+    #[error("not {message} in JSON: {source}")]
+    Json {
+        /// Name of the expected message, with its article.
+        message: &'static str,
+        /// The problem.
+        source: serde_json::Error,
+    },
     /// An invalid field of a message, or an invalid argument.
     #[error("{field} is {value}, expected {expected}")]
     Field {
@@ -195,6 +207,11 @@ impl RecordingError {
     /// Creates the error for an invalid field, with its value shortened for the message.
     pub fn field(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
         Self::Field { field, value: shortened(&value.to_string()), expected }
+    }
+
+    /// Returns the conversion of decoding errors of this protobuf message.
+    pub(crate) fn protobuf(message: &'static str) -> impl Fn(prost::DecodeError) -> Self {
+        move |source| Self::Protobuf { message, source }
     }
 
     /// Creates the error for an invalid field of a WAV header.

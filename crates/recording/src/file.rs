@@ -220,17 +220,33 @@ impl OpenFile {
             }
             Format::Flac => AnyFrames::Flac(Box::new(FlacFrames::new(self.counted(read))?)),
             Format::Npy => AnyFrames::Npy(Box::new(NpyFrames::new(self.counted(read))?)),
-            Format::Mat => AnyFrames::Mat(Box::new(mat_frames(self.counted(read))?)),
+            Format::Mat => {
+                check_mat_size(self.bytes)?;
+                AnyFrames::Mat(Box::new(mat_frames(self.counted(read))?))
+            }
             Format::Mcap => {
                 return Err(RecordingError::field(
                     "format",
                     "MCAP",
-                    "a recording that is not cut into records",
+                    "WAV, CSV, FLAC, NPY or MAT: an MCAP recording already consists of records",
                 ));
             }
         };
         Ok(FileFrames { frames, read: Arc::clone(read) })
     }
+}
+
+/// Rejects a MATLAB file that is too large for memory.
+fn check_mat_size(bytes: u64) -> Result<(), RecordingError> {
+    if bytes > MAX_BYTES {
+        return Err(RecordingError::Content {
+            format: "mat",
+            field: "size",
+            value: format!("{bytes} bytes"),
+            expected: format!("at most {MAX_BYTES} bytes: split the file into several").into(),
+        });
+    }
+    Ok(())
 }
 
 /// Reads a whole MATLAB file.

@@ -66,7 +66,7 @@ impl<R: Read> FlacFrames<R> {
         let reader = FlacReader::new_ext(reader, options).map_err(damaged)?;
         let info = reader.streaminfo();
         if info.sample_rate == 0 {
-            return Err(flac("sampling rate", info.sample_rate, "one in hertz"));
+            return Err(flac("sampling rate", info.sample_rate, "a rate above 0 Hz"));
         }
         Ok(Self {
             reader,
@@ -103,6 +103,11 @@ impl<R: Read> FlacFrames<R> {
         if block.channels() as usize != self.channels {
             return Err(flac("channels", block.channels(), "as many as at the beginning"));
         }
+        let decoded = self.read + u64::from(block.duration());
+        if let Some(declared) = self.declared.filter(|declared| decoded > *declared) {
+            let what = format!("{declared} frames, but at least {decoded} are there");
+            return Err(flac("length", what, "as many frames as the file holds"));
+        }
         (self.block, self.next) = (block, 0);
         Ok(true)
     }
@@ -129,7 +134,7 @@ impl<R: Read> Frames for FlacFrames<R> {
 }
 
 fn flac(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "flac", field, value: value.to_string(), expected }
+    RecordingError::Content { format: "flac", field, value: value.to_string(), expected: expected.into() }
 }
 
 fn damaged(error: claxon::Error) -> RecordingError {

@@ -1,11 +1,12 @@
 //! `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the readable
 //! form of `start_time_ns`.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::marker::PhantomData;
 
 use jiff::Timestamp;
-use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::de::{Error as _, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::RecordingError;
@@ -80,7 +81,7 @@ pub(crate) struct JsonTachometer {
 impl JsonTachometer {
     /// Decodes one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Pulses, RecordingError> {
-        Ok(message::<Self>(bytes)?.into())
+        Ok(message::<Self>(bytes, "a Tachometer")?.into())
     }
 
     /// Appends one message to `bytes` and returns the pulses.
@@ -137,7 +138,7 @@ pub(crate) struct JsonOperatingPoint {
 impl JsonOperatingPoint {
     /// Decodes one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
-        message(bytes)
+        message(bytes, "an OperatingPoint")
     }
 
     /// Returns the message without its time.
@@ -150,10 +151,16 @@ impl JsonOperatingPoint {
     }
 }
 
+/// Returns whether a block has the field `tachometer`, which may be null.
+pub(crate) fn has_tachometer(block: &[u8]) -> bool {
+    let fields: Result<HashMap<String, IgnoredAny>, _> = serde_json::from_slice(block);
+    fields.is_ok_and(|fields| fields.contains_key("tachometer"))
+}
+
 impl JsonBlock {
     /// Decodes one block.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
-        message(bytes)
+        message(bytes, "a WaveformBlock")
     }
 
     /// Encodes the block.
@@ -220,10 +227,10 @@ impl JsonBlock {
     }
 }
 
-/// Decodes one message after checking the length of its texts.
-fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8]) -> Result<T, RecordingError> {
+/// Decodes one message of this name after checking the length of its texts.
+fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8], name: &'static str) -> Result<T, RecordingError> {
     check_texts(bytes)?;
-    Ok(serde_json::from_slice(bytes)?)
+    serde_json::from_slice(bytes).map_err(|source| RecordingError::Json { message: name, source })
 }
 
 /// Rejects a text that is too long for any field's name or value, before an error quotes it.

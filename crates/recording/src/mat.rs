@@ -198,5 +198,5 @@ fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
 }
 
 fn mat(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "mat", field, value: value.to_string(), expected }
+    RecordingError::Content { format: "mat", field, value: value.to_string(), expected: expected.into() }
 }

@@ -72,7 +72,7 @@ pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, R
         Some(other) => return Err(damaged("byte order", format!("{other:02x?}"), "IM or MI")),
         None => return Err(damaged("header", format!("{} bytes long", bytes.len()), "128 bytes")),
     };
-    let mut reader = Variables { big_endian, left: max_bytes, found: Vec::new(), count: 0 };
+    let mut reader = Variables { big_endian, bytes: 0, max_bytes, found: Vec::new(), count: 0 };
     let mut elements = Elements { bytes: &bytes[HEADER..], big_endian };
     while let Some((kind, data)) = elements.next()? {
         match kind {
@@ -92,8 +92,9 @@ pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, R
 
 struct Variables {
     big_endian: bool,
-    /// Number of bytes that may still be allocated.
-    left: u64,
+    /// Number of allocated bytes, and the largest one.
+    bytes: u64,
+    max_bytes: u64,
     found: Vec<Variable>,
     count: usize,
 }
@@ -101,24 +102,29 @@ struct Variables {
 impl Variables {
     fn inflate<'a>(&mut self, data: &'a [u8]) -> Result<Cow<'a, [u8]>, RecordingError> {
         let mut inflated = Vec::new();
-        let read = ZlibDecoder::new(data).take(self.left + 1).read_to_end(&mut inflated);
+        let read = ZlibDecoder::new(data).take(self.max_bytes - self.bytes + 1).read_to_end(&mut inflated);
         read.map_err(|error| damaged("compressed variable", error, "whole zlib data"))?;
         self.take(inflated.len())?;
         Ok(Cow::Owned(inflated))
     }
 
     fn take(&mut self, bytes: usize) -> Result<(), RecordingError> {
-        let left = self.left.checked_sub(bytes as u64);
-        self.left = left
-            .ok_or_else(|| damaged("size", "more than can be held in memory", "a file split into several"))?;
+        self.bytes += bytes as u64;
+        if self.bytes > self.max_bytes {
+            let expected = format!("at most {} bytes: split the file into several", self.max_bytes);
+            return Err(damaged("size of the variables", format!("{} bytes or more", self.bytes), expected));
+        }
         Ok(())
     }
 
     /// Adds the variable of a matrix element, or the fields of a struct.
     fn add(&mut self, data: &[u8], within: &str, depth: usize) -> Result<(), RecordingError> {
         self.count += 1;
-        if self.count > MAX_VARIABLES || depth > MAX_DEPTH {
-            return Err(damaged("variables", "too many, or structs in structs", "at most 4096, 8 deep"));
+        if self.count > MAX_VARIABLES {
+            return Err(damaged("number of variables", format!("{} or more", self.count), "at most 4096"));
+        }
+        if depth > MAX_DEPTH {
+            return Err(damaged("depth of structs", depth, "at most 8"));
         }
         let mut parts = Elements { bytes: data, big_endian: self.big_endian };
         // An array without content, as a field may be.
@@ -139,8 +145,9 @@ impl Variables {
         let number = number(kind).ok_or_else(|| damaged("type of numbers", kind, "one of 1 to 13"))?;
         let bytes = rows.checked_mul(columns).and_then(|count| count.checked_mul(number.bytes()));
         if bytes != Some(data.len()) {
-            let value = format!("{rows} × {columns} in {} bytes", data.len());
-            return Err(damaged("shape", format!("{value} of {:?}", shortened(&name)), "as many numbers"));
+            let value =
+                format!("{rows} × {columns} numbers of {:?} in {} bytes", shortened(&name), data.len());
+            return Err(damaged("shape", value, format!("{} bytes for each number", number.bytes())));
         }
         self.take(data.len())?;
         let big_endian = self.big_endian;
@@ -241,6 +248,10 @@ fn number(kind: u32) -> Option<Number> {
     })
 }
 
-fn damaged(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "mat", field, value: value.to_string(), expected }
+fn damaged(
+    field: &'static str,
+    value: impl ToString,
+    expected: impl Into<Cow<'static, str>>,
+) -> RecordingError {
+    RecordingError::Content { format: "mat", field, value: value.to_string(), expected: expected.into() }
 }

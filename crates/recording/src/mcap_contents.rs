@@ -7,7 +7,7 @@ use prost::Message;
 
 use super::block::{decode_message, operating_point_of};
 use super::decoded_block::completed_by;
-use super::json::{JsonOperatingPoint, JsonTachometer};
+use super::json::{JsonOperatingPoint, JsonTachometer, has_tachometer};
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
 use super::mcap_topic::{asset_of, channel_of, shaft_of};
 use super::message::{self, OPERATING_POINT_SCHEMA, TACHOMETER_SCHEMA, WAVEFORM_SCHEMA};
@@ -237,16 +237,14 @@ impl Contents {
     }
 
     /// Adds the pulses of its asset's tachometer to a record.
-    pub(super) fn with_pulses(&mut self, mut recorded: Recorded, asset: &str) -> Recorded {
-        let Some(train) = self.pulses.of_mut(asset) else {
-            return recorded;
-        };
-        let start = recorded.record.start_time();
-        if let Some(pulses) = train.during(&recorded.record) {
-            let pulses = append_pulses(&mut recorded.raw, recorded.encoding, pulses);
+    pub(super) fn with_pulses(&self, mut recorded: Recorded, asset: &str) -> Recorded {
+        let train = self.pulses.of(asset);
+        let pulses = train.and_then(|train| train.during(&recorded.record));
+        let appended = pulses.and_then(|pulses| append_pulses(&mut recorded.raw, recorded.encoding, pulses));
+        if let Some(pulses) = appended {
+            let start = recorded.record.start_time();
             recorded.record = recorded.record.with_tachometer(pulses.of(start));
         }
-        train.drop_before(start);
         recorded
     }
 
@@ -272,7 +270,9 @@ fn limited(what: &str, count: usize) -> Result<(), Damage> {
 
 fn decode_operating_point(bytes: &[u8], encoding: BlockEncoding) -> Result<OperatingPoint, RecordingError> {
     Ok(match encoding {
-        BlockEncoding::Protobuf => operating_point_of(&message::OperatingPoint::decode(bytes)?),
+        BlockEncoding::Protobuf => operating_point_of(
+            &message::OperatingPoint::decode(bytes).map_err(RecordingError::protobuf("an OperatingPoint"))?,
+        ),
         BlockEncoding::Json => JsonOperatingPoint::decode(bytes)?.operating_point(),
     })
 }
@@ -281,37 +281,33 @@ fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, Re
     Ok(match encoding {
         BlockEncoding::Protobuf => {
             pulse_count::check_tachometer(bytes)?;
-            message::Tachometer::decode(bytes)?.into()
+            message::Tachometer::decode(bytes).map_err(RecordingError::protobuf("a Tachometer"))?.into()
         }
         BlockEncoding::Json => JsonTachometer::decode(bytes)?,
     })
 }
 
 /// Appends pulses to the raw bytes of their block, which has none, so that they are stored together. Returns
-/// the pulses.
-fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Pulses {
+/// the pulses; `None` if the block states that it has none, and stays without.
+fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Option<Pulses> {
     match encoding {
         // Concatenated protobuf messages are merged.
         BlockEncoding::Protobuf => {
             let block = message::WaveformBlock { tachometer: Some(pulses.into()), ..Default::default() };
             raw.reserve_exact(block.encoded_len());
             block.encode(raw).expect("a vector grows as it must");
-            block.tachometer.map(Pulses::from).unwrap_or_default()
+            block.tachometer.map(Pulses::from)
         }
         BlockEncoding::Json => {
-            const KEY: &[u8] = b"\"tachometer\"";
-            let Some(end) = raw.iter().rposition(|byte| *byte == b'}') else {
-                return pulses;
-            };
-            // A block that explicitly has none stays unchanged.
-            if raw.windows(KEY.len()).any(|window| window == KEY) {
-                return pulses;
+            let end = raw.iter().rposition(|byte| *byte == b'}')?;
+            if has_tachometer(raw) {
+                return None;
             }
             raw.truncate(end);
             raw.extend_from_slice(b",\"tachometer\":");
             let pulses = JsonTachometer::append(pulses, raw);
             raw.push(b'}');
-            pulses
+            Some(pulses)
         }
     }
 }

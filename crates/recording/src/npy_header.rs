@@ -52,7 +52,7 @@ impl NpyHeader {
 }
 
 pub(crate) fn npy(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "npy", field, value: value.to_string(), expected }
+    RecordingError::Content { format: "npy", field, value: value.to_string(), expected: expected.into() }
 }
 
 /// Reads the header, a dictionary in Python notation.

@@ -128,16 +128,6 @@ impl PulseTrain {
             shaft: String::new(),
         })
     }
-
-    /// Drops the pulses that no record from `start` on needs, except for the last second before it.
-    pub(crate) fn drop_before(&mut self, start: Timestamp) {
-        const MARGIN_NS: i64 = 1_000_000_000;
-        let past = self
-            .time_ns
-            .partition_point(|time| *time < nanoseconds(start).saturating_sub(MARGIN_NS))
-            .saturating_sub(1);
-        self.time_ns.drain(..past);
-    }
 }
 
 /// The pulse trains of a recording's assets.
@@ -166,11 +156,6 @@ impl PulseTrains {
     /// Returns the pulse train of an asset.
     pub(crate) fn of(&self, asset: &str) -> Option<&PulseTrain> {
         self.by_asset.get(asset)
-    }
-
-    /// Returns the pulse train of an asset for modification.
-    pub(crate) fn of_mut(&mut self, asset: &str) -> Option<&mut PulseTrain> {
-        self.by_asset.get_mut(asset)
     }
 }
 
@@ -207,8 +192,6 @@ mod tests {
         assert!((times[0] + 0.05).abs() < 1e-12 && (times[11] - 1.05).abs() < 1e-12);
         assert!(train.reaches_past(3_900_000_000) && !train.reaches_past(4_000_000_000));
         assert_eq!(train.during(&second(10)), None);
-        train.drop_before(Timestamp::from_second(3).unwrap());
-        assert_eq!(train.time_ns.front(), Some(&1_950_000_000));
         train.take(&pulses(vec![1, 5_000_000_000]), 100);
         assert_eq!(train.time_ns.back(), Some(&5_000_000_000));
         assert!(!train.time_ns.contains(&1));

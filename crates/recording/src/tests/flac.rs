@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{Cut, FlacFrames, Format, RecordBlocks, RecordDefaults, RecordingFile};
+use crate::{Cut, FlacFrames, Format, RecordBlocks, RecordDefaults, RecordingFile, decode_flac};
 use flankwatch_signal::Record;
 
 fn path(name: &str) -> PathBuf {
@@ -79,4 +79,21 @@ fn damaged_or_truncated_recordings_are_rejected() {
     for end in 0..whole.len().min(300) {
         assert!(read(&whole[..end]).is_err(), "{end} bytes");
     }
+}
+
+#[test]
+fn frames_beyond_the_declared_length_are_an_error() {
+    let mut bytes = bytes("mono-16");
+    // The number of frames in the stream information: 36 bits.
+    bytes[21] &= 0xf0;
+    bytes[22..26].copy_from_slice(&[0, 0, 0, 1]);
+    let error = decode_flac(&bytes, &RecordDefaults::default()).unwrap_err().to_string();
+    let start = "flac: length is 1 frames, but at least ";
+    assert!(
+        error.starts_with(start) && error.ends_with("expected as many frames as the file holds"),
+        "{error}"
+    );
+    let frames = FlacFrames::new(&bytes[..]).unwrap();
+    let items: Vec<_> = RecordBlocks::whole(frames, &RecordDefaults::default()).unwrap().collect();
+    assert_eq!(items.len(), 1, "the error ends the recording");
 }

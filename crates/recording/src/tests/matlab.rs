@@ -133,7 +133,7 @@ fn excessive_inflation_is_rejected() {
     file.extend_from_slice(&(zipped.len() as u32).to_le_bytes());
     file.extend_from_slice(&zipped);
     let error = decode_mat(&file, &RecordDefaults::default()).unwrap_err().to_string();
-    assert!(error.contains("more than can be held in memory"), "{error}");
+    assert!(error.contains("expected at most 134217728 bytes: split the file into several"), "{error}");
 }
 
 #[test]
