@@ -7,7 +7,7 @@ use csv::{ByteRecord, ReaderBuilder};
 use super::RecordingError;
 use super::csv_clock::Clock;
 use super::csv_field::{Decimals, Moment, text};
-use super::csv_head::{BEGINNING_BYTES, Column, ColumnRole, Head};
+use super::csv_head::{BEGINNING_BYTES, Column, ColumnRole, Head, StatedRate};
 use super::csv_layout::CsvLayout;
 use super::error::shortened;
 
@@ -104,9 +104,9 @@ impl<R: Read> CsvFrames<R> {
         &self.units
     }
 
-    /// Returns the sampling rate in hertz stated in a line before the header.
-    pub fn stated_rate_hz(&self) -> Option<f64> {
-        self.head.stated_rate_hz
+    /// Returns the sampling rate stated in a line before the header.
+    pub(super) fn stated_rate(&self) -> Option<StatedRate> {
+        self.head.stated_rate
     }
 
     /// Returns the resolution of the times in nanoseconds, if their format fixes it.

@@ -113,8 +113,7 @@ impl Decimals {
 
     /// Parses the number in a field.
     pub(super) fn parse<T: FromStr>(&mut self, field: &str) -> Option<T> {
-        let sign = field.chars().find(|c| matches!(c, '.' | ','));
-        let (Some(sign), ..) = (sign, ()) else {
+        let Some(sign) = field.chars().find(|c| matches!(c, '.' | ',')) else {
             return field.parse().ok();
         };
         let fits = self.seen.is_none_or(|seen| seen == sign);
@@ -126,6 +125,11 @@ impl Decimals {
         let value = if sign == ',' { field.replace(',', ".").parse() } else { field.parse() }.ok()?;
         self.seen = Some(sign);
         Some(value)
+    }
+
+    /// Returns whether a number with a decimal comma was parsed.
+    pub(super) fn has_comma(self) -> bool {
+        self.seen == Some(',')
     }
 
     /// Returns the description of a valid number for errors.

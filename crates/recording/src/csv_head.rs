@@ -41,8 +41,17 @@ pub(super) struct Head {
     pub(super) columns: Vec<Column>,
     /// The time columns.
     pub(super) clock: Option<Clock>,
-    /// The sampling rate in hertz stated in a line before the header.
-    pub(super) stated_rate_hz: Option<f64>,
+    /// The sampling rate stated in a line before the header.
+    pub(super) stated_rate: Option<StatedRate>,
+}
+
+/// A sampling rate stated in a line before the header.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum StatedRate {
+    /// In hertz.
+    Known(f64),
+    /// A number like `12,800`, whose comma is a decimal sign or separates thousands.
+    Ambiguous,
 }
 
 /// One column.
@@ -98,13 +107,12 @@ impl Head {
                 return Err(RecordingError::field("time_column", at + 1, expected));
             }
         };
-        Ok(Self {
-            separator,
-            lines: line as u64,
-            clock,
-            columns,
-            stated_rate_hz: stated_rate_hz(&lines[..preamble]),
-        })
+        let mut decimals = Decimals::separated_by(separator);
+        for field in samples.iter().flatten() {
+            decimals.parse::<f64>(field);
+        }
+        let stated_rate = stated_rate(&lines[..preamble], decimals.has_comma());
+        Ok(Self { separator, lines: line as u64, clock, columns, stated_rate })
     }
 }
 
@@ -228,10 +236,9 @@ fn columns(
         }
         let (stem, of_name) = name_and_unit(&label);
         // Two columns of the same name would be one channel.
-        let name = match columns.iter().filter(|column| name_and_unit(&column.label).0 == stem).count() {
-            0 => stem.to_owned(),
-            count => format!("{stem}_{}", count + 1),
-        };
+        let is_free = |name: &String| columns.iter().all(|column| column.name != *name);
+        let numbered = (2..).map(|number| format!("{stem}_{number}"));
+        let name = std::iter::once(stem.to_owned()).chain(numbered).find(is_free).unwrap_or_default();
         columns.push(Column { unit: units.get(at).copied().flatten().or(of_name), name, label });
     }
     Ok(columns)
@@ -316,9 +323,9 @@ fn clock_at(columns: &[Column], at: usize, samples: &[Vec<String>]) -> Clock {
     Clock::Seconds { column: at, factor: stated.unwrap_or(guessed) }
 }
 
-/// Returns the rate in hertz from a line such as `Sample rate: 12800 Hz`, `fs=25600` or
-/// `Abtastrate;12,8;kHz`.
-fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
+/// Returns the rate from a line such as `Sample rate: 12800 Hz`, `fs=25600` or `Abtastrate;12,8;kHz`. A comma
+/// before three digits is a decimal sign only if it is one in the samples.
+fn stated_rate(lines: &[&str], has_decimal_comma: bool) -> Option<StatedRate> {
     lines.iter().find_map(|line| {
         let at = line.find([':', '=', ';', '\t', ','])?;
         let (key, value) = (&line[..at], &line[at + 1..]);
@@ -337,8 +344,16 @@ fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
             return None;
         }
         let mut words = value.split([';', '\t', ' ', '"']).filter(|word| !word.is_empty());
-        let number: f64 = Decimals::separated_by(b';').parse(words.next()?.trim_end_matches("Hz"))?;
+        let number = words.next()?.trim_end_matches("Hz");
+        let after_comma = number.rsplit_once(',').map(|(_, digits)| digits);
+        if !has_decimal_comma
+            && after_comma
+                .is_some_and(|after| after.len() == 3 && after.bytes().all(|byte| byte.is_ascii_digit()))
+        {
+            return Some(StatedRate::Ambiguous);
+        }
+        let number: f64 = Decimals::separated_by(b';').parse(number)?;
         let factor = if words.next().and_then(unit).or(of_key) == Some("kHz") { 1e3 } else { 1.0 };
-        Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite())
+        Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite()).map(StatedRate::Known)
     })
 }

@@ -66,7 +66,7 @@ impl<R: Read> Frames for TimedCsvFrames<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::TimeOfDay;
+    use crate::{CsvPreview, TimeOfDay};
     use proptest::prelude::*;
 
     fn read(text: &str, rate_hz: Option<f64>) -> Result<Vec<Record>, String> {
@@ -210,6 +210,36 @@ mod tests {
                 25_600.0,
                 "{line}"
             );
+        }
+    }
+
+    #[test]
+    fn a_rate_with_a_comma_before_three_digits_follows_the_decimal_sign_of_the_samples() {
+        let read = |text: &str| decode_csv(text.as_bytes(), CsvLayout::default(), &RecordDefaults::default());
+        for text in ["# Sample rate: 12,800 Hz\nx\n1.5\n2\n", "Abtastrate;12,800;kHz\nx;y\n1;2\n3;4\n"] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(
+                error.starts_with("the sampling rate before the header is a number with a comma"),
+                "{error}"
+            );
+        }
+        let decimal = read("Abtastrate;12,800;kHz\nx;y\n1,5;2\n3;4\n").unwrap();
+        assert_eq!(decimal[0].sample_rate_hz(), 12_800.0);
+        // A time column, or a rate that is given, needs no header.
+        let timed = read("# Sample rate: 12,800 Hz\nt,x\n0,1\n0.5,2\n1,3\n").unwrap();
+        assert_eq!(timed[0].sample_rate_hz(), 2.0);
+        let layout = CsvLayout::new(Some(12_800.0), None, &[]).unwrap();
+        let given = CsvPreview::of(b"# Sample rate: 12,800 Hz\nx\n1\n2\n", layout, 1).unwrap();
+        assert_eq!(given.contents.unwrap().sample_rate_hz, Some(12_800.0));
+    }
+
+    #[test]
+    fn a_numbered_name_is_not_given_twice() {
+        for (header, names) in [("x,x_2,x", ["x", "x_2", "x_3"]), ("x,x,x_2", ["x", "x_2", "x_2_2"])] {
+            let defaults = RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() };
+            let text = format!("{header}\n1,2,3\n4,5,6\n");
+            let records = decode_csv(text.as_bytes(), CsvLayout::default(), &defaults).unwrap();
+            assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), names);
         }
     }
 

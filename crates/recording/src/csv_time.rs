@@ -5,6 +5,7 @@ use std::io::Read;
 use jiff::Timestamp;
 
 use super::csv_field::Moment;
+use super::csv_head::StatedRate;
 use super::{CsvFrames, RecordDefaults, RecordingError, TimeOfDay};
 
 /// Largest relative difference between a given rate and that of the time column.
@@ -23,6 +24,8 @@ pub struct CsvTiming {
     pub clock_rate_hz: Option<f64>,
     /// Sampling rate in hertz stated in a line before the header.
     pub stated_rate_hz: Option<f64>,
+    /// Whether that line has a number that may be meant with a decimal comma or without.
+    is_stated_ambiguously: bool,
     /// Time of the first sample, if a column contains dates.
     pub dated_start: Option<Timestamp>,
     /// Time of day of the first sample in nanoseconds, if a column contains times of day without dates.
@@ -95,7 +98,11 @@ impl CsvTiming {
         Ok(Self {
             frames: count,
             clock_rate_hz,
-            stated_rate_hz: frames.stated_rate_hz(),
+            stated_rate_hz: match frames.stated_rate() {
+                Some(StatedRate::Known(rate_hz)) => Some(rate_hz),
+                Some(StatedRate::Ambiguous) | None => None,
+            },
+            is_stated_ambiguously: frames.stated_rate() == Some(StatedRate::Ambiguous),
             dated_start,
             // Times from zero count from the start of the recording.
             time_of_day_ns: since_midnight_ns.filter(|ns| shows_time_of_day && *ns != 0),
@@ -137,6 +144,11 @@ impl CsvTiming {
                 Err(RecordingError::Rate { stated, clock })
             }
             (Some(rate), _) | (None, Some(rate)) => Ok(rate),
+            (None, None) if self.is_stated_ambiguously => Err(RecordingError::field(
+                "the sampling rate before the header",
+                "a number with a comma before three digits",
+                "one without a thousands separator, such as \"Sample rate: 12800\", or a rate given with the CSV file",
+            )),
             (None, None) => Err(RecordingError::field(
                 "the sampling rate",
                 "missing",
