@@ -46,27 +46,42 @@ struct Topic {
     index: SampleIndex,
 }
 
-/// Expected start of the topic's next record, in sampling intervals since the first record.
+/// Largest deviation of the time between two records from their samples that is no gap, as a fraction.
+/// Crystals stay within 1e-4, and the clock of a stream corrects an offset by up to 2e-4.
+const MAX_DRIFT: f64 = 3e-4;
+
+/// Counts a topic's samples from the first record on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SampleIndex {
-    first_start: Timestamp,
+    /// Start of the previous record: its time and its index.
+    start: Timestamp,
+    first: u64,
+    /// Index after its last sample.
     next: u64,
 }
 
 impl SampleIndex {
     pub(super) fn of_first(record: &Record) -> Self {
-        Self { first_start: record.start_time(), next: 0 }
+        Self { start: record.start_time(), first: 0, next: 0 }
     }
 
     /// Creates the message of the next record and marks a gap if the record does not follow the previous one.
     pub(super) fn block_of(&mut self, record: &Record) -> WaveformBlock {
-        let since_first = record.start_time().duration_since(self.first_start).as_secs_f64();
+        let elapsed_s = record.start_time().duration_since(self.start).as_secs_f64();
+        let elapsed = elapsed_s * record.sample_rate_hz();
+        let by_time = self.first as f64 + elapsed;
         let mut block = message_of(record);
-        block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
-        if block.first_sample_index != self.next {
+        let has_gap =
+            record.quality().gap || (by_time - self.next as f64).abs() > (MAX_DRIFT * elapsed.abs()).max(1.0);
+        block.first_sample_index = if has_gap { by_time.round().max(0.0) as u64 } else { self.next };
+        if has_gap {
             block.quality.get_or_insert_with(Quality::default).gap = true;
         }
-        self.next = block.first_sample_index + record.samples().len() as u64;
+        *self = Self {
+            start: record.start_time(),
+            first: block.first_sample_index,
+            next: block.first_sample_index + record.samples().len() as u64,
+        };
         block
     }
 }
@@ -97,8 +112,9 @@ impl<W: Write + Seek> McapWriter<W> {
 
     /// Writes a record received at `log_time`.
     ///
-    /// The block's `first_sample_index` counts sampling intervals since the topic's first record, so a gap
-    /// shows as a jump.
+    /// The block's `first_sample_index` counts samples since the topic's first record and continues from
+    /// record to record; a gap of more than one sample and 0.03 % of the time between two records shows as a
+    /// jump.
     pub fn write_received(
         &mut self,
         topic: &str,

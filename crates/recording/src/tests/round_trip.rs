@@ -64,6 +64,27 @@ fn a_written_mcap_is_chunked_indexed_and_numbered() {
 }
 
 #[test]
+fn a_drifting_clock_is_no_gap() {
+    let starting_at = |ns: i128| {
+        Record::new("x", Timestamp::from_nanosecond(ns).unwrap(), 20_000.0, "g", vec![0.5; 20_000]).unwrap()
+    };
+    // The clock of the samples runs 0.01 % fast; then 50 ms are missing.
+    let second_ns = 1_000_100_000;
+    let mut records: Vec<Record> = (0..100).map(|k| starting_at(k * second_ns)).collect();
+    records.push(starting_at(100 * second_ns + 50_000_000));
+    let bytes = written(McapCompression::None, &records);
+    let blocks: Vec<message::WaveformBlock> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|item| prost::Message::decode(&*item.unwrap().data).unwrap())
+        .collect();
+    for (k, block) in (0..100).zip(&blocks) {
+        assert_eq!((block.first_sample_index, block.quality.is_some()), (k * 20_000, false));
+    }
+    assert_eq!(blocks[100].first_sample_index, 100 * 20_000 + 1002);
+    assert!(blocks[100].quality.is_some_and(|quality| quality.gap));
+}
+
+#[test]
 fn a_live_record_keeps_both_its_times() {
     let mut writer =
         McapWriter::new(Cursor::new(Vec::new()), McapOptions { compression: McapCompression::Lz4 }).unwrap();
