@@ -71,7 +71,7 @@ impl CutPlan {
             return Err(RecordingError::field(
                 "the cut",
                 format!("{frames} samples ({channels} channels at {sample_rate_hz} Hz)"),
-                "1 to 16777216 samples a record, and at max_frames 67108864 over all channels",
+                "1 to 16777216 samples a record, and at most 67108864 over all channels",
             ));
         }
         Ok(Self { frames: frames as usize, default_seconds: None })
@@ -133,13 +133,13 @@ impl Cutter {
             self.columns.iter_mut().for_each(Vec::clear);
             return Vec::new();
         }
+        let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
         let first_sample = self.first_frame;
         self.first_frame += frames as u64;
         let start_time = match time_after(self.start_time, first_sample as f64 / self.sample_rate_hz) {
             Ok(time) => time,
             Err(error) => return vec![Err(error)],
         };
-        let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
         let named = self.channels.iter().zip(&self.units);
         let records = named.zip(columns).map(|((channel, unit), samples)| {
             Record::new(channel, start_time, self.sample_rate_hz, unit, samples)
@@ -327,6 +327,23 @@ mod tests {
             assert!(CutPlan::new(Some(cut), 10, 1000.0, 1).is_err(), "{cut:?}");
         }
         assert!(CutPlan::new(Some(Cut::Samples(MAX_RECORD_SAMPLES)), 10, 1000.0, 5).is_err());
+    }
+
+    #[test]
+    fn records_after_the_last_time_are_errors_of_the_same_length() {
+        let plan = CutPlan::new(Some(Cut::Samples(2)), 6, 8.0, 1).unwrap();
+        let mut cutter = cutter(&["a"], plan);
+        cutter.start_time = Timestamp::MAX;
+        let pushed: Vec<bool> = (0..6)
+            .map(|_| {
+                let is_complete = cutter.push(&[0.0]);
+                if is_complete {
+                    cutter.take();
+                }
+                is_complete
+            })
+            .collect();
+        assert_eq!(pushed, [false, true, false, true, false, true]);
     }
 
     #[test]

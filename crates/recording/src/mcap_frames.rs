@@ -108,7 +108,7 @@ impl McapFrames {
             }
             self.record_start = self.position;
             let mut head = [0; 9];
-            self.fill(&mut head, "the data: read_so_far is no data end record")?;
+            self.fill(&mut head, "the data: there is no data end record")?;
             let [code, length @ ..] = head;
             let length = u64::from_le_bytes(length);
             let limit = match code {

@@ -80,7 +80,7 @@ impl StreamCut {
 /// arrived.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StreamCutter {
-    /// Returns the index since which there is no gap.
+    /// Index since which there is no gap.
     run_first: u64,
     end: u64,
     /// Where the next record begins at the earliest.
@@ -130,7 +130,7 @@ impl StreamCutter {
         self.from = self.from.max(index);
     }
 
-    /// Where the next record begins at the earliest.
+    /// Returns where the next record begins at the earliest.
     pub fn earliest(&self) -> u64 {
         self.run_first.max(self.from)
     }

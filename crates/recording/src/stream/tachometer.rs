@@ -1,5 +1,5 @@
-//! A channel of a stream that is the signal of a tachometer: the pulses in it, and the other channels without
-//! it.
+//! The channel of a stream that carries a tachometer's signal: how its pulses are found, and how it is
+//! separated from the other channels.
 
 use serde::{Deserialize, Serialize};
 
