@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::TransmissionPath;
 use super::path::SETTLING_S;
 use flankwatch_gear::{FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings};
-use flankwatch_signal::{OperatingPoint, Record, RecordError};
+use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
@@ -57,6 +57,18 @@ pub enum SimulationError {
         value: f64,
         /// The expected value.
         expected: &'static str,
+    },
+    /// The run ends after the last time that can be stored.
+    #[error(
+        "interval_s is {interval_s} and start_time is {start_time}, expected the last of {records} records to start before the year 10000"
+    )]
+    TooLate {
+        /// Seconds from one record's start to the next one's.
+        interval_s: f64,
+        /// Time of the first record.
+        start_time: Timestamp,
+        /// Number of records.
+        records: u32,
     },
     /// The gear model rejected the pair.
     #[error(transparent)]
@@ -117,7 +129,7 @@ impl Run {
 
     /// Returns the time of one record's first sample.
     pub fn start_time(&self, index: u32) -> Timestamp {
-        self.plan.start_time + SignedDuration::from_secs_f64(self.plan.interval_s * f64::from(index))
+        self.plan.start_time + self.plan.since_start(index)
     }
 
     /// Simulates one record; the same plan and index give the same samples.
@@ -178,19 +190,83 @@ impl RunPlan {
         let checks = [
             ("records", f64::from(self.records), 1.0..=1e6, "a number from 1 to 1000000"),
             ("seconds", self.seconds, 0.1..=600.0, "a length from 0.1 to 600 s"),
-            ("rate", self.sample_rate_hz, 1000.0..=1e6, "a rate from 1000 to 1000000 Hz"),
-            ("max wear", self.max_wear_um, 0.0..=1e4, "a depth from 0 to 10000 µm"),
-            ("wear exponent", self.wear_exponent, 0.1..=10.0, "a number from 0.1 to 10"),
-            ("interval", self.interval_s, 0.0..=1e7, "a time from 0 to 10000000 s"),
-            ("snr", self.snr_db, -60.0..=200.0, "a ratio from -60 to 200 dB"),
-            ("speed variation", self.speed_variation, 0.0..=0.5, "a fraction from 0 to 0.5"),
-            ("torque variation", self.torque_variation, 0.0..=0.9, "a fraction from 0 to 0.9"),
+            ("sample_rate_hz", self.sample_rate_hz, 1000.0..=1e6, "a rate from 1000 to 1000000 Hz"),
+            (
+                "seconds × sample_rate_hz",
+                self.seconds * self.sample_rate_hz,
+                0.0..=MAX_RECORD_SAMPLES as f64,
+                "at most 16777216 samples a record",
+            ),
+            ("max_wear_um", self.max_wear_um, 0.0..=1e4, "a depth from 0 to 10000 µm"),
+            ("wear_exponent", self.wear_exponent, 0.1..=10.0, "a number from 0.1 to 10"),
+            ("interval_s", self.interval_s, 0.0..=1e7, "a time from 0 to 10000000 s"),
+            ("snr_db", self.snr_db, -60.0..=200.0, "a ratio from -60 to 200 dB"),
+            ("speed_variation", self.speed_variation, 0.0..=0.5, "a fraction from 0 to 0.5"),
+            ("torque_variation", self.torque_variation, 0.0..=0.9, "a fraction from 0 to 0.9"),
         ];
         for (field, value, range, expected) in checks {
             if !range.contains(&value) {
                 return Err(SimulationError::Plan { field, value, expected });
             }
         }
+        if self.start_time.checked_add(self.since_start(self.records - 1)).is_err() {
+            let Self { interval_s, start_time, records, .. } = *self;
+            return Err(SimulationError::TooLate { interval_s, start_time, records });
+        }
         Ok(())
+    }
+
+    /// Returns the time from the first record's start to that of another.
+    fn since_start(&self, index: u32) -> SignedDuration {
+        SignedDuration::from_secs_f64(self.interval_s * f64::from(index))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan() -> RunPlan {
+        RunPlan {
+            pair: PairSpec::from_toml(include_str!("../../../../fixtures/pairs/shen2022.toml")).unwrap(),
+            records: 3,
+            seconds: 1.0,
+            sample_rate_hz: 20_000.0,
+            max_wear_um: 245.0,
+            wear_exponent: 1.5,
+            start_time: Timestamp::UNIX_EPOCH,
+            interval_s: 60.0,
+            snr_db: 10.0,
+            speed_variation: 0.0,
+            torque_variation: 0.0,
+            seed: 1,
+            channel: "x".to_owned(),
+        }
+    }
+
+    #[test]
+    fn invalid_plans_are_rejected_by_field() {
+        let late = "9999-12-30T00:00:00Z".parse().unwrap();
+        for (plan, expected) in [
+            (
+                RunPlan { records: 30_000, interval_s: 1e7, ..plan() },
+                "interval_s is 10000000 and start_time is 1970-01-01T00:00:00Z, expected the last of 30000 records",
+            ),
+            (
+                RunPlan { records: 2, interval_s: 1e7, start_time: late, ..plan() },
+                "interval_s is 10000000 and start_time is 9999-12-30T00:00:00Z",
+            ),
+            (
+                RunPlan { seconds: 17.0, sample_rate_hz: 1e6, ..plan() },
+                "seconds × sample_rate_hz is 17000000, expected at most 16777216 samples a record",
+            ),
+            (RunPlan { sample_rate_hz: 10.0, ..plan() }, "sample_rate_hz is 10, expected"),
+            (RunPlan { max_wear_um: -1.0, ..plan() }, "max_wear_um is -1, expected"),
+        ] {
+            let error = plan.validate().unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
+        assert!(plan().validate().is_ok());
+        assert!(RunPlan { records: 1, interval_s: 1e7, start_time: late, ..plan() }.validate().is_ok());
     }
 }
