@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LibraryError;
 use flankwatch_gear::PairSpec;
+use flankwatch_signal::MAX_RECORD_SAMPLES;
 
 /// Most torques and most speeds.
 const MAX_FACTORS: usize = 32;
@@ -49,15 +50,6 @@ impl Default for GridSettings {
     }
 }
 
-/// Range of a grid's operating points.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OperatingRange {
-    /// Least and greatest torque on the driving gear in N·m.
-    pub torque_nm: [f64; 2],
-    /// Least and greatest rotational frequency of the driving gear in hertz.
-    pub shaft_speed_hz: [f64; 2],
-}
-
 impl GridSettings {
     /// Returns the grid for a pair, with the depths, which apply to module 6 mm, scaled to its module.
     #[must_use]
@@ -80,18 +72,6 @@ impl GridSettings {
         self.states * self.operating_points()
     }
 
-    /// Returns the range of the operating points for a pair.
-    pub fn operating_range(&self, pair: &PairSpec) -> OperatingRange {
-        let ends = |factors: &[f64], nominal: f64| {
-            let end = |factor: Option<&f64>| factor.map_or(nominal, |factor| nominal * factor);
-            [end(factors.first()), end(factors.last())]
-        };
-        OperatingRange {
-            torque_nm: ends(&self.torque_factors, pair.operation.torque_nm),
-            shaft_speed_hz: ends(&self.speed_factors, pair.operation.shaft_speed_hz),
-        }
-    }
-
     /// Checks that the grid can be simulated.
     ///
     /// # Errors
@@ -112,6 +92,14 @@ impl GridSettings {
                 "sample_rate_hz",
                 self.sample_rate_hz.to_string(),
                 "a rate from 1000 to 1000000 Hz",
+            );
+        }
+        let samples = self.seconds * self.sample_rate_hz;
+        if samples > MAX_RECORD_SAMPLES as f64 {
+            return refuse(
+                "seconds × sample_rate_hz",
+                samples.to_string(),
+                "at most 16777216 samples a record",
             );
         }
         for (field, factors) in [("torques", &self.torque_factors), ("speeds", &self.speed_factors)] {
@@ -158,6 +146,17 @@ mod tests {
         pair.geometry.module_mm = 0.3;
         assert!((usual.for_pair(&pair).max_wear_um - 12.25).abs() < 1e-12);
         assert_eq!(usual.for_pair(&pair).states, 50);
+    }
+
+    #[test]
+    fn records_longer_than_a_record_may_be_are_rejected() {
+        let grid = |seconds| GridSettings { seconds, sample_rate_hz: 1e6, ..GridSettings::default() };
+        let error = grid(600.0).validate().unwrap_err().to_string();
+        assert!(
+            error.contains("seconds × sample_rate_hz is 600000000, expected at most 16777216"),
+            "{error}"
+        );
+        assert!(grid(16.7).validate().is_ok());
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub use ensemble::{
 pub(crate) use ensemble::{LANES, Lanes, end_um, line_name};
 pub use error::LibraryError;
 pub use file::{FORMAT_VERSION, decode, encode};
-pub use grid::{GridSettings, OperatingRange};
+pub use grid::GridSettings;
 pub use state::{CycleTable, LibraryState};
 
 use operating::FeatureCurves;
@@ -133,16 +133,5 @@ impl Library {
     /// Features that a surrounding grid point lacks (a harmonic above half the sampling rate) are excluded.
     pub fn feature_curves_at(&self, point: &OperatingPoint) -> BTreeMap<&str, Vec<f64>> {
         operating::at(&self.manifest.grid, self.pair(), &self.tables, point)
-    }
-
-    /// Whether an operating point lies within the grid's torques and speeds, so that
-    /// [`Library::feature_curves_at`] interpolates. A library of the nominal point alone covers no other.
-    pub fn covers(&self, point: &OperatingPoint) -> bool {
-        operating::covers(&self.manifest.grid, self.pair(), point)
-    }
-
-    /// Returns the torques and speeds that the grid spans.
-    pub fn operating_range(&self) -> OperatingRange {
-        self.manifest.grid.operating_range(self.pair())
     }
 }

@@ -7,9 +7,6 @@ use super::{GridSettings, LibraryState};
 use flankwatch_gear::PairSpec;
 use flankwatch_signal::{Features, OperatingPoint};
 
-/// Relative tolerance at the ends of a range, for rounding errors of a measured speed.
-const ROUNDING: f64 = 1e-9;
-
 /// Values over the wear states by feature, of the features that every state has.
 pub(super) type FeatureCurves = BTreeMap<String, Vec<f64>>;
 
@@ -42,16 +39,6 @@ fn factors(pair: &PairSpec, point: &OperatingPoint) -> [f64; 2] {
         part(point.shaft_speed_hz, pair.operation.shaft_speed_hz),
     ];
     factors.map(|factor| if factor.is_finite() { factor } else { 1.0 })
-}
-
-/// Whether a point lies within the grid's torques and speeds.
-pub(super) fn covers(grid: &GridSettings, pair: &PairSpec, point: &OperatingPoint) -> bool {
-    let [torque, speed] = factors(pair, point);
-    let within = |axis: &[f64], factor: f64| match (axis.first(), axis.last()) {
-        (Some(least), Some(most)) => factor >= least * (1.0 - ROUNDING) && factor <= most * (1.0 + ROUNDING),
-        _ => false,
-    };
-    within(&grid.torque_factors, torque) && within(&grid.speed_factors, speed)
 }
 
 /// Returns the curves at a point, interpolated linearly over torque and speed and constant beyond the grid's
