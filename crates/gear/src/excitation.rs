@@ -2,7 +2,6 @@
 //! states in parallel.
 
 use super::mesh_cycle::CyclePiece;
-use super::transmission_error::short_period_m;
 use super::{GearPair, MeshCycle};
 
 /// Mesh stiffness in N/m and transmission error in m at one instant.
@@ -44,7 +43,7 @@ impl ExcitationPiece {
             let cell = (place as usize).min(count - 1);
             let between =
                 |values: &[f64]| values[cell] + (place - cell as f64) * (values[cell + 1] - values[cell]);
-            let error = base_m * between(&piece.uste_rad) + short_period_m(&pair.errors, phase);
+            let error = base_m * between(&piece.uste_rad) + pair.errors.short_period_m(phase);
             [between(&piece.stiffness_n_per_m), error]
         };
         let cells = CELLS as f64;

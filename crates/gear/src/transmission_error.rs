@@ -108,15 +108,17 @@ impl LongPeriodError {
     }
 }
 
-/// Returns e_A2 in metres at a phase in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh
-/// periods.
-pub(super) fn short_period_m(spec: &Errors, mesh_periods: f64) -> f64 {
-    spec.short_period_um * 1e-6 * (TAU * (mesh_periods + spec.short_period_phase)).sin()
+impl Errors {
+    /// Returns e_A2 in metres at a phase in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh
+    /// periods.
+    pub fn short_period_m(&self, mesh_periods: f64) -> f64 {
+        self.short_period_um * 1e-6 * (TAU * (mesh_periods + self.short_period_phase)).sin()
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{LongPeriodError, RandomError, short_period_m};
+    use super::{LongPeriodError, RandomError};
     use crate::testing::shen2022_spec;
 
     #[test]
@@ -167,6 +169,6 @@ mod tests {
             let expected = 30e-6 * (std::f64::consts::TAU * turns).sin();
             assert!((long_period.at(turns) - expected).abs() < 1e-17, "at {turns} turns");
         }
-        assert!((short_period_m(&spec, 1.0 / 12.0) - 7.5e-6).abs() < 1e-18);
+        assert!((spec.short_period_m(1.0 / 12.0) - 7.5e-6).abs() < 1e-18);
     }
 }

@@ -2,7 +2,8 @@
 //! as with a crack, and with an error of each tooth's position.
 //!
 //! All teeth of the gear model are alike, so this module integrates the same equations from the cycle's
-//! tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
+//! tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step. The driven torque balances
+//! the driving one, and teeth that part do not touch with their back flanks.
 
 use std::f64::consts::TAU;
 
@@ -54,7 +55,7 @@ impl Cycle<'_> {
         let random = self.random[tick] + fraction * (self.random[tick + 1] - self.random[tick]);
         let error = self.pair.gears[1].base_radius_mm * 1e-3 * between(&self.cycle.uste_rad)
             + errors.long_period_um * 1e-6 * (TAU * turns).sin()
-            + errors.short_period_um * 1e-6 * (TAU * periods).sin()
+            + errors.short_period_m(periods)
             + errors.random_um * 1e-6 * random
             + self.pitch_error_m(periods);
         (left * between(&self.cycle.stiffness_n_per_m), error)
@@ -194,6 +195,19 @@ mod tests {
             features.checks.into_iter().filter(|(name, _)| of_teeth(name)).collect::<ByName<f64>>()
         };
         DEPTHS_UM.par_iter().map(checks).collect()
+    }
+
+    #[test]
+    fn the_error_of_a_tooth_begins_at_its_phase() {
+        let mut spec = PairSpec::from_toml(include_str!("../../../../fixtures/pairs/shen2022.toml")).unwrap();
+        (spec.errors.random_um, spec.errors.short_period_phase) = (Some(0.0), 0.25);
+        let pair = spec.resolve().unwrap();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, 0.0).unwrap(), 1000).unwrap();
+        let run = RunSettings::nominal(&pair, 20_000.0, 1.0);
+        let teeth = UnevenTeeth::default();
+        let start = Cycle { cycle: &cycle, pair: &pair, run: &run, teeth, random: vec![0.0; 2] }.at(-1.0);
+        let expected = cycle.uste_rad[0] * pair.gears[1].base_radius_mm * 1e-3 + 15e-6;
+        assert!((start.1 - expected).abs() < 1e-12, "{} m", start.1);
     }
 
     /// The estimate allows for a rise of 0.25 (`healthy_checks.rs` in the package `wear`).

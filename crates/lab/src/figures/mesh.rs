@@ -115,8 +115,8 @@ pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, 
         .map(|turn| {
             let period = turn * teeth;
             let place = (period.rem_euclid(1.0) * POINTS as f64).round() as usize % POINTS;
-            let periodic = pair.errors.long_period_um * (TAU * turn).sin()
-                + pair.errors.short_period_um * (TAU * period).sin();
+            let periodic =
+                pair.errors.long_period_um * (TAU * turn).sin() + 1e6 * pair.errors.short_period_m(period);
             periodic + base_um * mesh.e_wear_rad[place]
         })
         .collect();
@@ -256,4 +256,29 @@ fn join_of_error(mesh: &Mesh) -> f64 {
     let error = &mesh.e_wear_rad;
     let within = error.windows(2).map(|two| (two[1] - two[0]).abs()).fold(0.0, f64::max);
     (error[0] - error[POINTS - 1]).abs() / within
+}
+
+#[cfg(test)]
+mod tests {
+    use flankwatch_gear::PairSpec;
+
+    use super::*;
+
+    #[test]
+    fn the_error_of_a_tooth_begins_at_its_phase() {
+        let mut spec = PairSpec::from_toml(include_str!("../../../../fixtures/pairs/shen2022.toml")).unwrap();
+        (spec.errors.short_period_um, spec.errors.short_period_phase) = (Some(15.0), 0.25);
+        let mesh = Mesh {
+            pair_phi1_rad: Vec::new(),
+            neighbour_lead_rad: Vec::new(),
+            carries: Vec::new(),
+            pair_stiffness_n_per_m: Vec::new(),
+            phi1_rad: vec![0.0; POINTS],
+            stiffness_n_per_m: vec![1.0; POINTS],
+            e_wear_rad: vec![0.0; POINTS],
+            pairs_in_contact: vec![1; POINTS],
+        };
+        let (turns, errors) = transmission_error_um(&spec.resolve().unwrap(), &mesh);
+        assert!((errors[0] - 15.0).abs() < 1e-9, "{} µm at {} turns", errors[0], turns[0]);
+    }
 }
