@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
-use super::event::MaintenanceEvent;
+use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
 use super::wear::{MissingLibrary, WearEstimate};
 use crate::library::Ensemble;
@@ -107,8 +107,10 @@ impl ChannelEstimator {
     /// Updates the state with maintenance between two records; returns the changes of alarms.
     pub fn maintenance(&self, state: &mut ChannelState, event: &MaintenanceEvent) -> Vec<PanelChange> {
         self.tracker.event(&mut state.tracker, event);
-        // Means over the run of another gear or sensor are not comparable.
-        state.run_means = RunMeans::default();
+        // Means over the run of another gear or sensor are not comparable. An inspection changes neither.
+        if event.kind != MaintenanceKind::Inspected {
+            state.run_means = RunMeans::default();
+        }
         state.alarms.maintenance(&self.rules, event)
     }
 
@@ -122,5 +124,32 @@ impl ChannelState {
     /// Returns the alarms in the order of the rules.
     pub fn into_alarms(self) -> AlarmPanel {
         self.alarms
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn run_means_restart_with_a_sensor_and_not_with_an_inspection() {
+        let estimator = ChannelEstimator::new(EstimatorSettings::default(), None, Vec::new());
+        let mut indicators = Indicators::default();
+        indicators.values.insert("residual_variance", 2.0);
+        indicators.values.insert("residual_fourth_moment", 12.0);
+        let mut state = estimator.start();
+        state.run_means.update(&indicators);
+        let event = |kind| MaintenanceEvent {
+            time: Timestamp::UNIX_EPOCH,
+            kind,
+            by: String::new(),
+            comment: String::new(),
+            inspection: None,
+            until: None,
+        };
+        estimator.maintenance(&mut state, &event(MaintenanceKind::Inspected));
+        assert_ne!(state.run_means, RunMeans::default());
+        estimator.maintenance(&mut state, &event(MaintenanceKind::SensorReplaced));
+        assert_eq!(state.run_means, RunMeans::default());
     }
 }
