@@ -10,7 +10,7 @@
 
 use super::contact_band::{ContactBand, Rubbing, alpha_rad, arc_mm};
 use super::contact_load::contact_loads;
-use super::error::within;
+use super::error::at_least;
 use super::flank_wear::WearProfile;
 use super::tooth_outline::ToothOutline;
 use super::wear_table::DepthCurve;
@@ -54,7 +54,7 @@ impl ArchardWear {
         let mut min_mm = 0.0;
         let mut states = Vec::with_capacity(depths_mm.len());
         for depth_mm in depths_mm {
-            within("wear depth in mm", *depth_mm, min_mm, f64::MAX)?;
+            at_least("wear depth in mm", *depth_mm, min_mm)?;
             min_mm = *depth_mm;
             history.advance_to(Target::Depth(*depth_mm))?;
             states.push(history.state());
@@ -68,7 +68,7 @@ impl ArchardWear {
     /// As for the states at given depths; [`GearError::Field`] for turns below 0 or so many that the teeth
     /// are worn through.
     pub fn after_turns(pair: &GearPair, driving_turns: f64) -> Result<Self, GearError> {
-        within("turns", driving_turns, 0.0, f64::MAX)?;
+        at_least("turns", driving_turns, 0.0)?;
         let mut history = WearHistory::new(pair, STEP_MODULES)?;
         history.advance_to(Target::Turns(driving_turns))?;
         Ok(history.state())

@@ -96,6 +96,15 @@ pub(super) fn within(field: &'static str, value: f64, min: f64, max: f64) -> Res
     }
 }
 
+/// Returns the value if it is finite and at least `min`.
+pub(super) fn at_least(field: &'static str, value: f64, min: f64) -> Result<f64, GearError> {
+    if value >= min && value.is_finite() {
+        Ok(value)
+    } else {
+        Err(GearError::field(field, value, format!("a finite number of at least {min}")))
+    }
+}
+
 /// Returns the value if it lies above zero and is at most `max`.
 pub(super) fn positive(field: &'static str, value: f64, max: f64) -> Result<f64, GearError> {
     if value > 0.0 && value <= max {

@@ -1,7 +1,7 @@
 //! Wear in the shape that a pair file or a table describes.
 
 use super::archard;
-use super::error::within;
+use super::error::at_least;
 use super::flank_wear::{Parabola, WearProfile};
 use super::wear_table::{self, DepthCurve};
 use super::{ArchardWear, FlankWear, GearError, GearPair, WearShape};
@@ -16,7 +16,7 @@ impl FlankWear {
     /// [`GearError::Field`] for an invalid shape or depth, including a depth that leaves less than half of
     /// the tooth.
     pub fn from_shape(pair: &GearPair, h_max_mm: f64) -> Result<Self, GearError> {
-        within("wear depth in mm", h_max_mm, 0.0, f64::MAX)?;
+        at_least("wear depth in mm", h_max_mm, 0.0)?;
         let spec = &pair.spec.wear;
         let profiles = match spec.shape {
             WearShape::Parabolic => {
@@ -88,6 +88,17 @@ impl FlankWear {
 mod tests {
     use super::super::testing::{shen2022, shen2022_spec};
     use crate::{FlankWear, GearError, WearPoint, WearShape};
+
+    #[test]
+    fn a_negative_or_endless_depth_is_rejected_in_a_short_sentence() {
+        for depth_mm in [-1.0, f64::INFINITY] {
+            let error = FlankWear::from_shape(&shen2022(), depth_mm).unwrap_err().to_string();
+            assert_eq!(
+                error,
+                format!("wear depth in mm is {depth_mm}, expected a finite number of at least 0")
+            );
+        }
+    }
 
     #[test]
     fn parabolic_wear_has_its_given_depths() {

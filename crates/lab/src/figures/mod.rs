@@ -138,6 +138,9 @@ impl FigureSettings {
         if !(2..=1000).contains(&self.states) {
             return refuse("states", self.states.to_string(), "a number from 2 to 1000");
         }
+        if !(self.step_um > 0.0 && self.step_um.is_finite()) {
+            return refuse("step_um", self.step_um.to_string(), "a finite depth above 0");
+        }
         if !(1..self.states).contains(&self.worn_num) {
             return refuse("worn_num", self.worn_num.to_string(), "a worn state's number");
         }
@@ -267,6 +270,8 @@ mod tests {
         let cases = [
             ("wear_um", FigureSettings { wear_um: [50.0, 40.0, f64::NAN], ..short() }),
             ("states", FigureSettings { states: 1, ..short() }),
+            ("step_um", FigureSettings { step_um: f64::INFINITY, ..short() }),
+            ("step_um", FigureSettings { step_um: 0.0, ..short() }),
             ("worn_num", FigureSettings { worn_num: 3, ..short() }),
             ("seconds", FigureSettings { seconds: f64::NAN, ..short() }),
         ];
