@@ -125,13 +125,17 @@ impl AlarmRule {
             }
         }
         let AlarmSettings { raise, raise_of, clear, clear_of } = self.settings;
-        for (field, some, of) in [("raise", raise, raise_of), ("clear", clear, clear_of)] {
-            if some == 0 || some > of || of > MAX_READINGS {
-                return refuse(
-                    field,
-                    f64::from(some),
-                    "at least 1 and at most the number of readings looked back on, which is at most 100",
-                );
+        for (field, of) in [("raise_of", raise_of), ("clear_of", clear_of)] {
+            if !(1..=MAX_READINGS).contains(&of) {
+                return refuse(field, f64::from(of), "a number of readings from 1 to 100");
+            }
+        }
+        for (field, some, of, expected) in [
+            ("raise", raise, raise_of, "at least 1 and at most raise_of"),
+            ("clear", clear, clear_of, "at least 1 and at most clear_of"),
+        ] {
+            if !(1..=of).contains(&some) {
+                return refuse(field, f64::from(some), expected);
             }
         }
         Ok(())

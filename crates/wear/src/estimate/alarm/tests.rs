@@ -333,3 +333,16 @@ fn a_sensor_fault_has_a_reading_only_where_it_is_judged() {
     let level = |danger| AlarmRule { danger: Some(danger), ..AlarmRule::of(AlarmQuantity::SensorFault) };
     assert!(level(0.5).validate().is_ok() && level(1.0).validate().is_err());
 }
+
+#[test]
+fn an_invalid_number_of_readings_is_named() {
+    for (rule, expected) in [
+        (rule(3, 101, 5, 5), "raise_of is 101, expected a number of readings from 1 to 100"),
+        (rule(6, 5, 5, 5), "raise is 6, expected at least 1 and at most raise_of"),
+        (rule(3, 5, 0, 5), "clear is 0, expected at least 1 and at most clear_of"),
+        (rule(3, 5, 1, 0), "clear_of is 0, expected a number of readings from 1 to 100"),
+    ] {
+        let error = rule.validate().unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
