@@ -218,8 +218,12 @@ fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
     fs::create_dir_all(folder).map_err(failed)?;
     let temporary = path.with_extension(format!("{}.{writer}.part", std::process::id()));
     let mut file = File::create(&temporary).map_err(failed)?;
-    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed)?;
-    fs::rename(&temporary, path).map_err(failed)?;
+    let written = file.write_all(bytes).and_then(|()| file.sync_all());
+    written.and_then(|()| fs::rename(&temporary, path)).map_err(|source| {
+        // The error is why writing failed, whether or not the rest can be removed.
+        let _ = fs::remove_file(&temporary);
+        failed(source)
+    })?;
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
 }
 
@@ -229,6 +233,15 @@ mod tests {
 
     use super::super::testing::synthetic_library;
     use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("library.fwlib");
+        fs::create_dir(&path).unwrap();
+        assert!(save_library(&path, &synthetic_library()).is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 
     #[test]
     fn concurrent_writers_of_the_same_library_do_not_conflict() {
