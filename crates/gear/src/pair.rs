@@ -264,16 +264,12 @@ pub struct WearPoint {
 /// [`DynamicsSpec`].
 ///
 /// For the shape `archard` K and H determine how many turns a depth takes; the shape itself depends only on
-/// the ratio of the two hardnesses. H = 7 GPa is 60 HRC (700 HV): the value in data sheets of the
-/// case-hardening steel 16MnCr5 for its carburised surface (Akrostal, 16HG/1.7131/16MnCr5: at least 60 HRC;
-/// Lucefin, 16MnCr5, 2014: 64 HRC down to 57 HRC depending on the tempering). That Archard's law describes
-/// the mild wear of gears is A. Flodin's finding on an FZG rig (Wear of spur and helical gears, KTH
-/// Stockholm, 2000). K = 1.7e-7 is that of lubricated steel on steel in a table of such constants (the crate
-/// sciforge-lib 0.0.4, `constants/physics/solid_mechanics/wear.rs`, which has 7e-4 for the same pair dry); an
-/// encyclopaedia (article "Wear coefficient") has 1e-2 for severe dry wear down to 1e-6 and less for mild
-/// lubricated wear. No value measured on gears could be read at its source. With the default the typical pair
-/// loses 25 µm in 4.7 million turns. Turns are proportional to 1/K, and K spans three decades: if they
-/// matter, measure it.
+/// the ratio of the two hardnesses. H = 7 GPa is 60 HRC (700 HV), that of a carburised surface of the
+/// case-hardening steel 16MnCr5 (57 to 64 HRC depending on the tempering). That Archard's law describes the
+/// mild wear of gears is A. Flodin's finding on an FZG rig (Wear of spur and helical gears, KTH Stockholm,
+/// 2000). K = 1.7e-7 is a value for lubricated steel on steel that was not measured on gears; K ranges from
+/// 1e-2 for severe dry wear to below 1e-6 for mild lubricated wear. With the default the typical pair loses
+/// 25 µm in 4.7 million turns. Turns are proportional to 1/K: if they matter, measure it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]

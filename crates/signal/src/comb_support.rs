@@ -185,12 +185,12 @@ impl<'a> Lines<'a> {
                 }
                 let value = (here / noise).min(MAX_LINE_RATIO).ln();
                 let reach = (REACH_BINS + REACH_FRACTION * bin as f64) as usize;
-                for log_ratios in &mut log_ratios[bin.saturating_sub(reach)..=(bin + reach).min(length - 1)] {
-                    *log_ratios = log_ratios.max(value);
+                for log_ratio in &mut log_ratios[bin.saturating_sub(reach)..=(bin + reach).min(length - 1)] {
+                    *log_ratio = log_ratio.max(value);
                 }
             }
         }
-        let chance = MISSING_LINE_PENALTY + mean_of(log_ratios, |log_ratios| *log_ratios);
+        let chance = MISSING_LINE_PENALTY + mean_of(log_ratios, |log_ratio| *log_ratio);
         Self { log_ratios, chance }
     }
 
@@ -200,12 +200,12 @@ impl<'a> Lines<'a> {
             return;
         }
         let shaft = mesh / f64::from(context.teeth.max(1));
-        for (bin, log_ratios) in
-            self.log_ratios.iter_mut().enumerate().filter(|(_, log_ratios)| **log_ratios > 0.0)
+        for (bin, log_ratio) in
+            self.log_ratios.iter_mut().enumerate().filter(|(_, log_ratio)| **log_ratio > 0.0)
         {
             let reach = 2.0 * (REACH_BINS + REACH_FRACTION * bin as f64);
             if context.others.has_line_near(bin as f64 / shaft, reach / shaft) {
-                *log_ratios = 0.0;
+                *log_ratio = 0.0;
             }
         }
     }

@@ -53,7 +53,7 @@ pub struct Features {
     ///
     /// | name | natural logarithm of |
     /// | --- | --- |
-    /// | `ln_floor_fhz`, f = … 500, 1000, 2000 … | the noise floor (from the median bin) of the octave around f, as a density: the record's unit over √Hz; the five highest octaves below 45 % of the sampling rate |
+    /// | `ln_floor_fhz`, f = … 500, 1000, 2000 … | the noise floor (from the median bin) of the octave around f, as a density: the record's unit over √Hz; the six highest octaves below 45 % of the sampling rate |
     /// | `ln_rest_fhz` | the same density from the root mean square of the bins outside the mesh harmonics and their sidebands |
     /// | `ln_band_fhz` | the same density from all bins, in a record without a mesh line |
     /// | `ln_shaft_k`, k = 1 … 3 | the amplitude that lies within 0.3 shaft rates of k times the shaft rate |

@@ -37,10 +37,9 @@ const CUSUM_SCATTER: f64 = 1.25;
 const OVERALL_FIT: [&str; 2] = ["lines", "checks"];
 
 /// Additional allowance of the overall fit in standard deviations, since an error of the library recurs in
-/// every record. With twice the described mesh damping, 1.5 % of records are flagged without these two
-/// CUSUMs,
-/// 2.8 % with 0.8, 8 % with 0.5. A broken tooth that moves the lines alone is detected after 3 to 6 records
-/// with 0.8, hardly at all with 1.
+/// every record. With twice the described mesh damping, 1.5 % of the records are flagged without these two
+/// CUSUMs, 2.8 % with an allowance of 0.8, and 8 % with 0.5. A broken tooth that moves the lines alone is
+/// detected after 3 to 6 records with 0.8, and hardly at all with 1.
 const FIT_ALLOWANCE: f64 = 0.8;
 
 /// The same without a library, whose errors would need the larger allowance.
