@@ -380,4 +380,13 @@ impl PairSpec {
     pub fn from_toml(text: &str) -> Result<Self, GearError> {
         Ok(toml::from_str(text)?)
     }
+
+    /// Returns the pair with the torques of both gears multiplied by `factor`.
+    #[must_use]
+    pub fn with_torque(&self, factor: f64) -> Self {
+        let mut pair = self.clone();
+        pair.operation.torque_nm *= factor;
+        pair.operation.output_torque_nm = pair.operation.output_torque_nm.map(|output| output * factor);
+        pair
+    }
 }

@@ -73,7 +73,7 @@ impl Bank {
         let simulate = |index: usize, worn: bool| {
             let (depth_um, torque, speed, seed, phase) = draw(index);
             let wear_um = if worn { depth_um } else { 0.0 };
-            let pair = with_torque(&plan.pair, torque).resolve()?;
+            let pair = plan.pair.with_torque(torque).resolve()?;
             let cycle =
                 MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, wear_um * 1e-3)?, CYCLE_POINTS)?;
             let run = RunSettings {
@@ -122,12 +122,4 @@ impl Bank {
         }
         &self.worn[rng.random_range(low..high)]
     }
-}
-
-/// Returns the pair with its torque multiplied by `part`.
-pub(super) fn with_torque(pair: &PairSpec, part: f64) -> PairSpec {
-    let mut pair = pair.clone();
-    pair.operation.torque_nm *= part;
-    pair.operation.output_torque_nm = pair.operation.output_torque_nm.map(|torque| torque * part);
-    pair
 }

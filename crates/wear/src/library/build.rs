@@ -166,7 +166,7 @@ impl Build<'_> {
         bodies: &[Option<ElasticBodies>],
     ) -> Result<Part, LibraryError> {
         let factor = self.grid.torque_factors[torque];
-        let pair = self.at_torque(factor)?;
+        let pair = self.pair.spec.with_torque(factor).resolve()?;
         let cycles: Vec<MeshCycle> = self.worn[states.clone()]
             .par_iter()
             .zip(bodies)
@@ -210,16 +210,6 @@ impl Build<'_> {
             part.features.push(analyses.into_iter().map(|analysis| analysis.features).collect());
         }
         Ok(part)
-    }
-
-    /// Returns the pair with its torque multiplied by `factor`.
-    fn at_torque(&self, factor: f64) -> Result<GearPair, LibraryError> {
-        let mut spec = self.pair.spec.clone();
-        spec.operation.torque_nm *= factor;
-        if let Some(output) = &mut spec.operation.output_torque_nm {
-            *output *= factor;
-        }
-        Ok(spec.resolve()?)
     }
 
     /// Simulates and analyses responses to neighbouring states' cycles; `first` is the first one's index.

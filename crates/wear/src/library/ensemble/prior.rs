@@ -92,9 +92,7 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
     spec.dynamics.contact = if dice.chance(loaded) { ContactRule::Loaded } else { ContactRule::Threshold };
     let independent_teeth = dice.chance(0.5);
     let wear = wear(&mut dice, &described.wear);
-    let torque = dice.between(0.9, 1.1);
-    spec.operation.torque_nm *= torque;
-    spec.operation.output_torque_nm = spec.operation.output_torque_nm.map(|output| output * torque);
+    spec = spec.with_torque(dice.between(0.9, 1.1));
     spec.geometry.bore_radius_mm = Some(bores(&mut dice, described)?);
     spec.wear = wear.spec(&spec.resolve()?);
     let coordinate = dice.coordinate;
