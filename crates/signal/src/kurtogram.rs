@@ -4,7 +4,7 @@ use flankwatch_fourier::Complex;
 use serde::Serialize;
 
 use super::not_computed::NotComputed;
-use super::transform::Transforms;
+use super::transform::{Transforms, is_smooth};
 
 /// Fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
 const MIN_BINS: usize = 64;
@@ -139,16 +139,7 @@ fn divisions(bins: usize) -> impl Iterator<Item = usize> {
 
 /// Returns the smallest number from `min` on without a prime factor above 5.
 fn smooth_at_least(min: usize) -> usize {
-    let is_smooth = |number: &usize| {
-        let mut rest = *number;
-        for prime in [2, 3, 5] {
-            while rest.is_multiple_of(prime) {
-                rest /= prime;
-            }
-        }
-        rest == 1
-    };
-    (min..).find(is_smooth).unwrap_or(min)
+    (min..).find(|number| is_smooth(*number, &[2, 3, 5])).unwrap_or(min)
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;
+use super::transform::is_smooth;
 
 /// Fewest whole turns that are averaged.
 pub(super) const MIN_TURNS: usize = 4;
@@ -201,16 +202,8 @@ fn first_satisfying(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
 /// Returns the smallest even number from `min` on without a prime factor above 7.
 fn smooth_at_least(min: usize) -> usize {
     let mut number = min.next_multiple_of(2);
-    loop {
-        let mut rest = number;
-        for prime in [2, 3, 5, 7] {
-            while rest.is_multiple_of(prime) {
-                rest /= prime;
-            }
-        }
-        if rest == 1 {
-            return number;
-        }
+    while !is_smooth(number, &[2, 3, 5, 7]) {
         number += 2;
     }
+    number
 }

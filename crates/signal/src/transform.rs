@@ -31,7 +31,8 @@ pub(super) fn spectrum_length(samples: usize) -> usize {
     length
 }
 
-fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
+/// Returns whether a number has only these prime factors.
+pub(super) fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     for prime in primes {
         while number.is_multiple_of(*prime) {
             number /= prime;

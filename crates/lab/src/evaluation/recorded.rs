@@ -6,6 +6,7 @@ use jiff::{SignedDuration, Timestamp};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::median_and_interval;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
@@ -290,8 +291,4 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
         inspection: Some(Inspection { depth_um, error_um, gear: None, place: FlankPlace::Greatest }),
         until: None,
     }
-}
-
-fn median_and_interval(estimate: &WearEstimate) -> Option<[f64; 3]> {
-    Some([estimate.median_um?, estimate.low_um?, estimate.high_um?])
 }
