@@ -133,7 +133,8 @@ mod tests {
 
     #[test]
     fn run_means_restart_with_a_sensor_and_not_with_an_inspection() {
-        let estimator = ChannelEstimator::new(EstimatorSettings::default(), None, Vec::new());
+        let settings = EstimatorSettings { baseline_records: 10, limit_um: None };
+        let estimator = ChannelEstimator::new(settings, None, Vec::new());
         let mut indicators = Indicators::default();
         indicators.values.insert("residual_variance", 2.0);
         indicators.values.insert("residual_fourth_moment", 12.0);
