@@ -91,8 +91,8 @@ pub(crate) async fn show(
     }))
 }
 
-/// The records of the baseline that a record is compared with, at most 1000 of them, evenly spaced; none while
-/// it is being collected.
+/// The records of the baseline that a record is compared with, at most 1000 of them, evenly spaced; none
+/// while it is being collected.
 pub(crate) async fn complete_baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
     let store = &app.service.store;
     let channels = store.channels(&segment.asset_id).await?;
