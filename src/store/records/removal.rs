@@ -74,7 +74,7 @@ impl Store {
             .bind(range.to.map_or(Ok(i64::MAX), to_ns)?)
             .bind(range.raw_sha256.as_deref().unwrap_or_default())
             .bind(i64::from(limit))
-            .fetch_all(self.write())
+            .fetch_all(self.write()?)
             .await?;
             for row in &rows {
                 found.push(SegmentId(get(row, "id")?));
