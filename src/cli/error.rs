@@ -82,7 +82,7 @@ pub enum CliError {
     #[error(transparent)]
     Store(#[from] crate::store::StoreError),
     /// Problems were found; each was printed when it was found.
-    #[error("{0} problem{} found", if *.0 == 1 { "" } else { "s" })]
+    #[error("{0} problem{ending} found", ending = if *.0 == 1 { "" } else { "s" })]
     Findings(u64),
     /// A sound card could not be opened or read.
     #[error("--alsa {device}: {reason}")]
