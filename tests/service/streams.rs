@@ -393,7 +393,7 @@ fn a_restored_stream_keeps_samples_that_are_not_in_a_record_yet() {
     let on = |folder: &std::path::Path, words: [&str; 2]| {
         let output =
             flankwatch(&[words[0], words[1], "--data-dir", folder.to_str().unwrap()]).expect_success();
-        assert!(output.out().contains("1 live streams"), "{}", output.out());
+        assert!(output.out().contains("1 live stream\n"), "{}", output.out());
     };
     let program = Program::start(&data);
     program.make(&asset(2.0, 10.0));
