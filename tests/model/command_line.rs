@@ -277,26 +277,6 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
 }
 
 #[test]
-fn options_that_would_be_ignored_are_errors() {
-    for (words, expected) in [
-        (&["evaluate", "--recorded", "run.wav", "--out", "scores.html"][..], "--out"),
-        (&["evaluate", "--leave-one-out", "2", "--seed", "7"], "--seed"),
-        (&["quarantine", "restore", "one.wav", "--all"], "--all"),
-        (&["stream", "--asset", "a", "--follow"], "--follow is given without a file"),
-        (
-            &["stream", "x.wav", "--asset", "a", "--start-time", "2026-01-01T00:00:00Z", "--spool", "spool"],
-            "--spool is given with a file",
-        ),
-    ] {
-        flankwatch(words).expect_failure(&[expected]);
-    }
-    let program = || Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-    let wrong = program().args(["token", "list"]).env("FLANKWATCH_LOG", "flankwatch=loud").output().unwrap();
-    let error = String::from_utf8_lossy(&wrong.stderr);
-    assert!(!wrong.status.success() && error.contains("FLANKWATCH_LOG is \"flankwatch=loud\""), "{error}");
-}
-
-#[test]
 fn a_simulated_run_is_scored() {
     let folder = tempfile::tempdir().unwrap();
     let (run, data) = (path(&folder, "run.wav"), path(&folder, "data"));
@@ -337,26 +317,6 @@ fn an_unchanged_library_is_loaded_and_a_damaged_one_is_rebuilt() {
     let other = [&build[..], &["--max-wear-um", "100"]].concat();
     assert_ne!(flankwatch(&other).expect_success().out(), first);
     flankwatch(&["library", "show", "nothing", "--data-dir", &data]).expect_failure(&["nothing"]);
-}
-
-#[test]
-fn invalid_flags_and_files_are_rejected_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let asset = path(&folder, "asset.toml");
-    fs::write(&asset, "id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = -1.0\n").unwrap();
-    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_failure(&[
-        "asset.toml",
-        "gear.shaft_speed_hz",
-        "-1",
-    ]);
-    fs::write(&asset, "id = \"a\"\ncolour = 1\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 1.0\n").unwrap();
-    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_failure(&["colour"]);
-    flankwatch(&["serve", "--port", "1"]).expect_failure(&["--port"]);
-    flankwatch(&["simulate", "--out", "run.txt"]).expect_failure(&["run.txt", ".mcap or .wav"]);
-    flankwatch(&["simulate", "--out", "run.mcap", "--seconds", "0"]).expect_failure(&["seconds", "0"]);
-    flankwatch(&["model", "--contact", "magic"]).expect_failure(&["magic", "threshold"]);
-    flankwatch(&["model", "--pair", "absent.toml"]).expect_failure(&["absent.toml"]);
-    flankwatch(&["replay", "x.mcap", "--asset", "Not An Id"]).expect_failure(&["Not An Id"]);
 }
 
 /// Writes an asset file with the paper's pair.

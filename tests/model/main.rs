@@ -10,6 +10,7 @@ mod hostile_bytes;
 mod import_cycles;
 mod libraries;
 mod progress;
+mod wrong_input;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/command.rs"]

@@ -134,7 +134,8 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
         return Err(CliError::Argument(detail.to_owned()));
     }
     if is_file && args.spool.is_some() {
-        let detail = "--spool is given with a file, which is read again, expected standard input or --alsa";
+        let detail =
+            "--spool is given with a file, expected standard input or --alsa: a file is read again instead";
         return Err(CliError::Argument(detail.to_owned()));
     }
     let stop = interrupted();

@@ -4,6 +4,10 @@ import { h, setChildren, svg } from "./dom.js";
 import { number } from "./format.js";
 
 const POINTS = 9;
+
+/** The bore radius of a gear whose bore is not given, as part of its root radius; the presets have 0.2 to 0.37. */
+export const USUAL_BORE = 1 / 3;
+
 const involute = (angle) => Math.tan(angle) - angle;
 
 /** Radii in mm and angles of one gear of a pair; null when the numbers do not define a gear. */
@@ -32,7 +36,7 @@ function resolve(
     reference,
     tip: reference + (Number(addendum[index]) + x) * module,
     root,
-    bore: Number(bore?.[index] ?? root / 3),
+    bore: Number(bore?.[index] ?? USUAL_BORE * root),
     half: Math.PI / 2 / z + involute(alpha) + (2 * x * Math.tan(alpha)) / z,
   };
 }

@@ -1,8 +1,7 @@
 // Values of a description that follow from others when they are not given.
 
+import { USUAL_BORE } from "./gear-drawing.js";
 import { valueAt } from "./settings-fields.js";
-
-const PART = 1 / 3; // of the root radius; the presets have 0.2 to 0.37
 
 /**
  * The bore radius of a gear, 0 for the driving one, in mm: a third of its root radius, in two digits; undefined
@@ -14,5 +13,5 @@ export function usualBore(spec, gear) {
   const count = teeth?.[gear];
   if (!(module > 0) || !(count > 0)) return undefined;
   const root = module * (count / 2 - (dedendum?.[gear] ?? 1.25) + (shift?.[gear] ?? 0));
-  return root > 0 ? Number((PART * root).toPrecision(2)) : undefined;
+  return root > 0 ? Number((USUAL_BORE * root).toPrecision(2)) : undefined;
 }

@@ -10,11 +10,12 @@
 //! | torque | ± 10 % | ± 10 % |
 //! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.85 to 1.25), least at the pitch point 0.6 | the given one within 15 %; in 0.7 of the members where it was not measured |
 //!
-//! A field counts as given where it differs from its default, which for supports and errors scales with the
-//! size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4 (log-uniform:
-//! sliding grows linearly from the pitch point, the paper draws a parabola), a depth at the pitch point of 0
-//! to 0.7 of the greatest (mostly near 0: nothing slides there), a tip ratio of 0.3 to 1.2, and in 0.3 of the
-//! members one gear that wears 0.35 to 2.8 times as fast as the other.
+//! A bore counts as given where the description has it, any other field where it differs from its default,
+//! which for supports and errors scales with the size of the pair. The shape that is least at the pitch point
+//! has exponents from 1.2 to 4 (log-uniform: sliding grows linearly from the pitch point, the paper draws a
+//! parabola), a depth at the pitch point of 0 to 0.7 of the greatest (mostly near 0: nothing slides there), a
+//! tip ratio of 0.3 to 1.2, and in 0.3 of the members one gear that wears 0.35 to 2.8 times as fast as the
+//! other.
 
 use flankwatch_gear::{
     ContactRule, DynamicsSpec, GearError, GearPair, PairSpec, WearPoint, WearShape, WearSpec,
@@ -106,8 +107,8 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
     Ok(Drawn { specs: (0..variants).map(variant).collect(), independent_teeth })
 }
 
-/// Draws the bore radius of each gear in mm. One that is not given is drawn from root radii 1.8 to 6 times as
-/// large, nearly the range that the fillet foundation's polynomials were fitted for.
+/// Draws the bore radius of each gear in mm. If it is not given, the root radius is 1.8 to 6 times as large,
+/// nearly the range that the fillet foundation's polynomials were fitted for.
 fn bores(dice: &mut Draw, described: &PairSpec) -> Result<[f64; 2], GearError> {
     let gears = described.resolve()?.gears;
     let bore = match described.geometry.bore_radius_mm {
