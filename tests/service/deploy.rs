@@ -279,7 +279,10 @@ fn ports_match_the_listen_addresses() {
     assert_eq!(scraped["port"].to_string(), given("compose, api"));
     let scraped = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["dns_sd_configs"][1];
     assert_eq!(scraped["port"].to_string(), given("compose, worker"));
-    assert!(text("compose/proxy.conf").contains(&format!("server api:{} resolve;", given("compose, api"))));
+    let proxy = text("compose/proxy.conf");
+    assert!(proxy.contains(&format!("server api:{} resolve;", given("compose, api"))));
+    // Live streams.
+    assert!(proxy.contains("proxy_set_header Upgrade $http_upgrade;"), "{proxy}");
     for path in manifests() {
         for manifest in yaml(&path) {
             let template = &manifest["spec"]["template"]["spec"]["containers"][0];
