@@ -114,6 +114,11 @@ impl NatsTable {
         if self.urls.is_empty() {
             return Err(invalid("cluster.nats.urls", "missing", expected));
         }
+        if self.urls.iter().any(|url| url.contains('@')) {
+            // The URL is not repeated: it may contain a password. The client library would not use it.
+            let expected = "no user in it: set user and FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN or credentials_file";
+            return Err(invalid("cluster.nats.urls", "a URL with a user", expected));
+        }
         if let Some(url) =
             self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
         {
@@ -130,6 +135,10 @@ impl NatsTable {
             (None, Some(user), None, None) => {
                 let expected = "the user's password in FLANKWATCH_NATS_PASSWORD";
                 return Err(invalid("cluster.nats.user", user, expected));
+            }
+            (_, None, Some(_), _) => {
+                let expected = "the user of FLANKWATCH_NATS_PASSWORD";
+                return Err(invalid("cluster.nats.user", "missing", expected));
             }
             _ => {
                 let expected =

@@ -238,6 +238,8 @@ mod tests {
                 vec!["cluster.database.url", "mysql"],
             ),
             (WHOLE.replace("nats://b", "http://b"), vec!["cluster.nats.urls", "http://b:4222"]),
+            (WHOLE.replace("nats://b", "nats://u:hidden@b"), vec!["cluster.nats.urls", "no user in it"]),
+            (without("user = \"flankwatch\""), vec!["cluster.nats.user", "missing"]),
             (WHOLE.replace("replicas = 3", "replicas = 9"), vec!["cluster.nats.replicas", "9", "1 to 5"]),
             (WHOLE.replace("at_once = 3", "at_once = 0"), vec!["cluster.worker.at_once", "0", "at least 1"]),
             (without("bucket = \"records\""), vec!["cluster.objects", "missing"]),
