@@ -130,9 +130,9 @@ async fn paced(
         let start = recorded.record.start_time();
         let first = *first_start.get_or_insert(start);
         let seconds = (start.as_nanosecond() - first.as_nanosecond()) as f64 / 1e9 / times;
-        if let Ok(wait) = Duration::try_from_secs_f64(seconds) {
-            tokio::time::sleep_until(began + wait).await;
-        }
+        // Longer than a duration can be at a very low pace.
+        let due = Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(Duration::MAX);
+        tokio::time::sleep(due.saturating_sub(began.elapsed())).await;
     }
     batch
 }
@@ -166,5 +166,34 @@ fn so_far(replay: &Replay) -> BatchSummary {
         last_start_time: replay.last_start_time,
         record_seconds: replay.record_seconds_done,
         ..BatchSummary::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{BlockEncoding, Recorded};
+    use crate::signal::Record;
+
+    fn recorded(second: i64) -> Recorded {
+        let start = Timestamp::from_second(second).unwrap();
+        Recorded {
+            record: Record::new("1", start, 1000.0, "g", vec![0.5; 8]).unwrap(),
+            raw: Vec::new(),
+            encoding: BlockEncoding::Protobuf,
+            reference_wear_um: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn a_record_that_is_due_after_all_time_is_waited_for() {
+        for times in [1e-18, 1e-300] {
+            let records = [0, 10].map(|second| Ok(recorded(second)));
+            let mut records = RecordStream::spawn(1 << 20, move || Ok(records.into_iter()));
+            let (began, mut first) = (tokio::time::Instant::now(), None);
+            assert_eq!(paced(&mut records, times, began, &mut first).await.records.len(), 1);
+            let second = paced(&mut records, times, began, &mut first);
+            assert!(tokio::time::timeout(Duration::from_millis(50), second).await.is_err(), "{times}");
+        }
     }
 }
