@@ -91,6 +91,12 @@ impl RecordStream {
         Self { receiver, read: 0, memory }
     }
 
+    /// Numbers the records from `first` on, as those before it in the recording are skipped.
+    pub(crate) fn numbered_from(mut self, first: u64) -> Self {
+        self.read = first;
+        self
+    }
+
     /// The next record as a batch; empty at the end.
     pub(crate) async fn next(&mut self) -> ReadBatch {
         let mut batch = ReadBatch::default();
@@ -257,6 +263,15 @@ mod tests {
     async fn small_records_are_read_ahead_and_come_in_batches() {
         let (_, batches) = read_through(64 * MIB, vec![MIB / 64; 64]).await;
         assert!(batches.len() <= 8, "{batches:?}");
+    }
+
+    #[tokio::test]
+    async fn records_after_skipped_ones_have_their_number_in_the_recording() {
+        let (records, _) = stream(MIB, vec![8; 3]);
+        let mut records = records.numbered_from(5);
+        for expected in 5..8 {
+            assert_eq!(records.next().await.records[0].0, expected);
+        }
     }
 
     #[tokio::test]

@@ -146,6 +146,7 @@ impl Replays {
         let records = RecordStream::spawn(self.workers.recording_bytes(), move || {
             Ok(RecordingFile::open(&path, defaults, cut)?.skip(done))
         });
+        let records = records.numbered_from(replay.records_done);
         let run = Run {
             pipeline: Arc::clone(&self.pipeline),
             list: Arc::clone(&self.list),
