@@ -1,7 +1,7 @@
 //! One stream in memory: its sender, its viewers, and its pending records.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
@@ -12,6 +12,7 @@ use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
 use crate::recording::RecordingError;
+use crate::recording::stream::Assembler;
 use crate::service::error::ServiceError;
 
 /// A stream of an asset.
@@ -22,6 +23,8 @@ pub(crate) struct LiveStream {
     pub(super) place: StreamPlace,
     /// `None` until it is read, and after a failed write: it is then read again.
     stored: Mutex<Option<StoredStream>>,
+    /// The chunks that wait for earlier ones while the stream is to be read again.
+    waiting: Mutex<Option<Assembler>>,
     /// The number of the connection that sends it, also one of another process; 0 before the first one.
     owner: watch::Sender<u64>,
     /// Number of pending records.
@@ -41,6 +44,7 @@ impl LiveStream {
             name,
             place,
             stored: Mutex::default(),
+            waiting: Mutex::default(),
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
             next: watch::Sender::new(None),
@@ -102,7 +106,7 @@ impl LiveStream {
 
     /// Runs `work` on the stored stream, which is read first if necessary, also what other processes
     /// appended. Blocks. After a failed write the stream is read again the next time, so that memory is never
-    /// ahead of the disk.
+    /// ahead of the disk; the sender's waiting chunks are kept, as it does not know of the failure.
     pub(super) fn with<T>(
         &self,
         work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
@@ -128,8 +132,10 @@ impl LiveStream {
             return Err(ServiceError::StreamTaken);
         }
         let done = self.opened(&mut stored, refreshes).and_then(|()| work(&mut stored));
-        if matches!(done, Err(ServiceError::Store(_) | ServiceError::File { .. })) {
-            *stored = None;
+        if matches!(done, Err(ServiceError::Store(_) | ServiceError::File { .. }))
+            && let Some(stored) = stored.take()
+        {
+            *self.waiting() = Some(stored.into_assembler());
         }
         let state = stored.as_ref().map(StoredStream::state);
         self.pending.send_replace(state.map_or(0, |state| state.pending.len()));
@@ -150,8 +156,17 @@ impl LiveStream {
         }
         if stored.is_none() {
             *stored = StoredStream::open(&self.place)?;
+            if let Some(stored) = stored
+                && let Some(assembler) = self.waiting().take()
+            {
+                stored.continue_with(assembler);
+            }
         }
         Ok(())
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Option<Assembler>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Runs `work` on the stored stream; returns an error if it does not exist.
@@ -199,7 +214,7 @@ impl LiveStream {
         self.take_over();
         self.feed.end();
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
-        *stored = None;
+        (*stored, *self.waiting()) = (None, None);
         self.pending.send_replace(0);
         self.place.remove()
     }
@@ -269,5 +284,39 @@ impl CutRecord {
             (self.format, self.bytes) = self.format.without_tachometer(self.bytes.slice(lead_bytes..));
         }
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::recording::RawSample;
+    use crate::recording::stream::{Chunk, CutPolicy, StreamFormat};
+
+    fn chunk(first: u64) -> Chunk {
+        Chunk { first, time_ns: None, bytes: vec![7; 200].into() }
+    }
+
+    #[test]
+    fn early_chunks_survive_a_failure_of_another_task() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = StreamPlace::in_folder(folder.path());
+        let format = StreamFormat::new(RawSample::I16, 100.0, 1, None).unwrap();
+        StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let stream = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), place);
+        let policy = CutPolicy::new(2.0, 10.0, 100.0).unwrap().into();
+        let take = |first| {
+            let taken = stream.with_sent(0, |stored| stored.take(vec![chunk(first)], &policy)).unwrap();
+            (taken.next, taken.gaps.len())
+        };
+        assert_eq!(take(100), (Some(0), 0));
+        let failed = stream.with_stored(|_| -> Result<(), _> {
+            let (path, source) = (folder.path().to_path_buf(), std::io::ErrorKind::StorageFull.into());
+            Err(ServiceError::File { action: "write", path, source })
+        });
+        assert!(failed.is_err());
+        assert_eq!(take(0), (Some(200), 0));
     }
 }

@@ -126,6 +126,18 @@ impl StoredStream {
         Self { journal, assembler: assembler(&state), state, recent: None }
     }
 
+    /// The chunks that wait for earlier ones.
+    pub(crate) fn into_assembler(self) -> Assembler {
+        self.assembler
+    }
+
+    /// Continues with the chunks that waited before the stream was read again, unless they were partly taken.
+    pub(crate) fn continue_with(&mut self, assembler: Assembler) {
+        if assembler.next() == self.state.next {
+            self.assembler = assembler;
+        }
+    }
+
     pub(crate) fn state(&self) -> &StreamState {
         &self.state
     }
