@@ -266,6 +266,11 @@ impl<'a> Connection<'a> {
             return;
         };
         let message = Message::read(self.settings, &publish);
+        let is_block = message.as_ref().is_ok_and(|message| message.content == Content::Block);
+        if self.has_dropped && is_block {
+            // Its predecessor may be among the dropped ones, and would count as lost.
+            return;
+        }
         let incoming = Incoming {
             service: Arc::clone(self.service),
             feed: Arc::clone(self.feed),
@@ -276,7 +281,7 @@ impl<'a> Connection<'a> {
         };
         let stop = self.stop.clone();
         match message {
-            Ok(message) if message.content == Content::Block => {
+            Ok(message) if is_block => {
                 self.streams.pass(message, incoming, stop, &mut self.deliveries);
             }
             Ok(message) => {
@@ -313,5 +318,45 @@ impl<'a> Connection<'a> {
                 let _ = client.try_disconnect();
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mqtt::settings::{MqttCredentials, MqttTable};
+    use crate::service::{Role, ServiceFolders, SystemClock};
+    use crate::store::Store;
+
+    fn publish(topic: &str) -> Publish {
+        Publish::new(topic, QoS::AtLeastOnce, "{}", None)
+    }
+
+    #[tokio::test]
+    async fn a_block_after_a_dropped_message_is_dropped_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().into()).await.unwrap();
+        let folders = ServiceFolders::in_data_folder(folder.path());
+        let clock = Arc::new(SystemClock);
+        let service =
+            Service::new(store, folders, &Default::default(), Default::default(), clock, Role::Standalone);
+        let service = service.unwrap();
+        let table: MqttTable = toml::from_str("url = \"mqtt://127.0.0.1:1\"\nin_flight = 1").unwrap();
+        let mut settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
+        let (client, _events) = AsyncClient::new(settings.options().unwrap(), 8);
+        settings.keep_alive = Duration::from_millis(20);
+        let (_stop, stopped) = watch::channel(false);
+        let feed = service.feeds.add("mqtt");
+        let mut connection = Connection::new(&settings, &service, &feed, client, stopped);
+
+        let slot = connection.acquire_slot().await;
+        connection.receive(publish("flankwatch/pump/in/samples")).await;
+        assert!(connection.has_dropped);
+        drop(slot);
+        connection.receive(publish("flankwatch/pump/in/samples")).await;
+        assert!(connection.deliveries.is_empty());
+        connection.receive(publish("flankwatch/pump/in/waveform")).await;
+        assert_eq!(connection.deliveries.len(), 1);
+        service.store.close().await;
     }
 }
