@@ -95,7 +95,9 @@ impl Block {
     fn pulses(&self) -> Result<Option<Pulses>, ServiceError> {
         let Some(tachometer) = self.record.tachometer() else { return Ok(None) };
         let samples = tachometer.pulse_times_s.iter().map(|time_s| time_s * self.record.sample_rate_hz());
-        let within: Vec<f64> = samples.filter(|after| *after >= 0.0).collect();
+        // The next block has those after this one, at places that differ by the jitter of the start times.
+        let length = self.record.samples().len() as f64;
+        let within: Vec<f64> = samples.filter(|after| (0.0..length).contains(after)).collect();
         Pulses::new(self.first, &within, tachometer.pulses_per_revolution).map(Some)
     }
 }
@@ -210,7 +212,7 @@ impl PointStream {
             sender.set_operating_point(point).await?;
             self.operating_point = point;
         }
-        if let Some(pulses) = block.pulses()?.filter(|_| block.first >= next) {
+        if let Some(pulses) = block.pulses()? {
             sender.take_pulses(pulses).await?;
         }
         sender.take(vec![block.chunk()]).await?;

@@ -1,7 +1,7 @@
 //! Streams over MQTT: every acknowledged sample is stored once, by its index.
 
-use flankwatch::recording::{BlockEncoding, encode_block};
-use flankwatch::signal::{OperatingPoint, Record};
+use flankwatch::recording::{BlockEncoding, RecordDefaults, decode_block, encode_block};
+use flankwatch::signal::{OperatingPoint, Record, Tachometer};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 
@@ -36,9 +36,13 @@ fn block(first: u64, at: Timestamp, rate_hz: f64) -> Vec<u8> {
     let samples = (first..first + BLOCK).map(value).collect();
     let point = OperatingPoint { shaft_speed_hz: Some(12.5), ..OperatingPoint::default() };
     let record = Record::new("1", at, rate_hz, "m/s2", samples).unwrap();
-    let record = record.with_operating_point(point).unwrap();
+    encode(first, &record.with_operating_point(point).unwrap())
+}
+
+/// A record as the block from an index on.
+fn encode(first: u64, record: &Record) -> Vec<u8> {
     // Field 3, the index, as a varint.
-    let mut bytes = [encode_block(&record, BlockEncoding::Protobuf), vec![3 << 3]].concat();
+    let mut bytes = [encode_block(record, BlockEncoding::Protobuf), vec![3 << 3]].concat();
     let mut rest = first;
     while rest >= 0x80 {
         bytes.push(rest as u8 | 0x80);
@@ -126,6 +130,59 @@ fn blocks_become_a_stream_and_its_records() {
     let repeated = text.lines().rfind(|line| line.contains("outcome=\"repeated\"")).unwrap();
     assert!(repeated.ends_with(" 0"), "{repeated}");
     service.run(third_feed.stop(LONGEST));
+}
+
+/// The pulses of a tachometer in samples, from one index to another.
+fn pulses(from: f64, until: f64) -> impl Iterator<Item = f64> {
+    (0..)
+        .map(|k| 10.2 + 37.3 * f64::from(k))
+        .skip_while(move |at| *at < from)
+        .take_while(move |at| *at < until)
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn each_pulse_of_a_tachometer_counts_once() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = service();
+    let root = unique("pulses");
+    let topic = format!("{root}/pump/in/samples");
+    let feed = feed(&service, port, &root, "");
+    let mut sender = Sender::connect(port);
+    // With the pulses before and after the block. The sensor reads its clock up to 40 µs late.
+    let mut send = |first: u64| {
+        let late_us = (first / BLOCK % 3) as i64 * 20;
+        let samples = (first..first + BLOCK).map(value).collect();
+        let at = time_of(first) + SignedDuration::from_micros(late_us);
+        let (from, rate_hz) = (first as f64, RATE_HZ as f64);
+        let around = pulses(from - 40.0, from + BLOCK as f64 + 40.0);
+        let pulse_times_s = around.map(|at| (at - from) / rate_hz - late_us as f64 * 1e-6).collect();
+        let tachometer = Tachometer { pulse_times_s, pulses_per_revolution: 1 };
+        let record = Record::new("1", at, rate_hz, "m/s2", samples).unwrap();
+        sender.send(&topic, &encode(first, &record.with_tachometer(Some(tachometer))));
+    };
+    // Some are swapped, one is sent twice, and one overlaps the one before and the one after it.
+    let order = (0..10).chain([11, 10, 12, 13, 13, 15, 14]).chain(16..30);
+    order.for_each(|n| send(n * BLOCK));
+    send(30 * BLOCK - BLOCK / 2);
+    (30..40).for_each(|n| send(n * BLOCK));
+
+    let page = service
+        .wait_for("/v1/assets/pump/segments?limit=1000", |page| page["items"].as_array().unwrap().len() == 2);
+    for record in page["items"].as_array().unwrap() {
+        let raw = service.get(&format!("/v1/segments/{}/raw", record["id"].as_str().unwrap())).expect(200);
+        let raw = decode_block(&raw.bytes, BlockEncoding::Protobuf, &RecordDefaults::default()).unwrap();
+        let first = (raw.start_time().duration_since(time_of(0)).as_secs_f64() * RATE_HZ as f64).round();
+        let found = &raw.tachometer().unwrap().pulse_times_s;
+        let expected: Vec<f64> =
+            pulses(first - 1000.0, first + 2000.0).map(|at| (at - first) / 1e3).collect();
+        assert_eq!(found.len(), expected.len(), "{first}: {found:?}");
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-4, "{first}: {found}, {expected}");
+        }
+    }
+    service.run(feed.stop(LONGEST));
 }
 
 #[test]

@@ -15,10 +15,22 @@ pub(crate) const MAX_PULSES: usize = 65_536;
 /// turn.
 const LEAD_S: f64 = 1.0;
 
+/// Millionths of a sample within which two pulses are the same: offsets after different indices are rounded
+/// differently.
+const SAME: u64 = 1000;
+
 /// The position of a pulse: an index, and millionths of a sample after it. Integers are read back exactly
 /// from the journal, so that a retried record has the same bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) struct Pulse(u64, u32);
+
+impl Pulse {
+    fn is_same(self, other: Self) -> bool {
+        let index = self.0.min(other.0);
+        let millionths = |pulse: Self| 1_000_000 * (pulse.0 - index) + u64::from(pulse.1);
+        self.0.abs_diff(other.0) <= 1 && millionths(self).abs_diff(millionths(other)) <= SAME
+    }
+}
 
 /// Pulses in the order of time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -75,14 +87,19 @@ pub(super) struct StreamTachometer {
 }
 
 impl StreamTachometer {
-    /// Appends pulses after the last known one; earlier ones are repeats.
+    /// Adds those pulses that are not known yet, in the order of time.
     pub(super) fn extend(&mut self, more: Pulses) {
         if more.pulses_per_revolution != self.pulses_per_revolution {
             self.pulses_per_revolution = more.pulses_per_revolution;
             self.pulses.clear();
         }
-        let last = self.pulses.back().copied();
-        self.pulses.extend(more.pulses.into_iter().filter(|pulse| Some(*pulse) > last));
+        for pulse in more.pulses {
+            let place = self.pulses.partition_point(|known| *known < pulse);
+            let mut neighbours = self.pulses.range(place.saturating_sub(1)..self.pulses.len().min(place + 1));
+            if !neighbours.any(|known| known.is_same(pulse)) {
+                self.pulses.insert(place, pulse);
+            }
+        }
         let too_many = self.pulses.len().saturating_sub(MAX_PULSES);
         self.pulses.drain(..too_many);
     }
@@ -133,6 +150,21 @@ mod tests {
         tachometer.forget_before(1300, 100.0);
         assert_eq!(tachometer.of(cut, 100.0).unwrap().pulse_times_s, [0.505, 1.5]);
         assert_eq!(tachometer.of(StreamCut { first: 5000, frames: 10, next_from: 0 }, 100.0), None);
+    }
+
+    #[test]
+    fn pulses_come_in_any_order_and_count_once() {
+        let mut tachometer = StreamTachometer::default();
+        // Those of later samples, of earlier ones, and of both again.
+        for (from, after) in [(200, &[7.3, 50.9999][..]), (100, &[0.5, 99.0]), (107, &[92.0, 100.3, 144.0])] {
+            tachometer.extend(Pulses::new(from, after, 1).unwrap());
+        }
+        let cut = StreamCut { first: 100, frames: 200, next_from: 0 };
+        let found = tachometer.of(cut, 100.0).unwrap().pulse_times_s;
+        assert_eq!(found.len(), 4, "{found:?}");
+        for (found, expected) in found.iter().zip([0.005, 0.99, 1.073, 1.509_999]) {
+            assert!((found - expected).abs() < 1e-6, "{found}, {expected}");
+        }
     }
 
     #[test]
