@@ -110,7 +110,8 @@ struct PointStream {
     /// Its place among the streams sent at the same time, until it is idle.
     share: Option<Share>,
     refreshed_at: Instant,
-    operating_point: OperatingPoint,
+    /// The operating point of the last block; `None` if the stream was opened since.
+    operating_point: Option<OperatingPoint>,
     /// Time after the last stored sample, by the sender's clock.
     newest: Option<Timestamp>,
     /// Blocks that came before their predecessors, and are acknowledged once they are durable.
@@ -125,7 +126,7 @@ impl PointStream {
             sender: None,
             share: None,
             refreshed_at: Instant::now(),
-            operating_point: OperatingPoint::default(),
+            operating_point: None,
             newest: None,
             waiting: Vec::new(),
         }
@@ -208,9 +209,9 @@ impl PointStream {
             return check_repeat(block, next, self.newest);
         }
         let point = block.record.operating_point();
-        if point != self.operating_point {
+        if self.operating_point != Some(point) {
             sender.set_operating_point(point).await?;
-            self.operating_point = point;
+            self.operating_point = Some(point);
         }
         if let Some(pulses) = block.pulses()? {
             sender.take_pulses(pulses).await?;
@@ -241,7 +242,7 @@ impl PointStream {
         self.newest = self.newest.max(service.streams.status(asset, point).await?.next_time);
         sender.take(self.waiting.iter().map(Block::chunk).collect()).await?;
         self.refreshed_at = Instant::now();
-        self.operating_point = OperatingPoint::default();
+        self.operating_point = None;
         self.sender = Some(sender);
         Ok(())
     }

@@ -132,6 +132,16 @@ fn blocks_become_a_stream_and_its_records() {
     service.run(third_feed.stop(LONGEST));
 }
 
+/// The shaft speeds of the records of a stream in time order.
+fn speeds(service: &Service, count: usize) -> Vec<Value> {
+    let page = service.wait_for("/v1/assets/pump/segments?limit=1000", |page| {
+        page["items"].as_array().unwrap().len() >= count
+    });
+    let mut records = page["items"].as_array().unwrap().clone();
+    records.sort_by_key(|record| record["start_time"].as_str().unwrap().to_owned());
+    records.iter().map(|record| record["operating_point"]["shaft_speed_hz"].clone()).collect()
+}
+
 /// The pulses of a tachometer in samples, from one index to another.
 fn pulses(from: f64, until: f64) -> impl Iterator<Item = f64> {
     (0..)
@@ -183,6 +193,29 @@ fn each_pulse_of_a_tachometer_counts_once() {
         }
     }
     service.run(feed.stop(LONGEST));
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn an_operating_point_does_not_outlast_a_connection() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = service();
+    let root = unique("point");
+    let topic = format!("{root}/pump/in/samples");
+    let mut sender = Sender::connect(port);
+    let first_feed = feed(&service, port, &root, "");
+    (0..20).for_each(|n| sender.send(&topic, &json_block(n * BLOCK)));
+    assert_eq!(speeds(&service, 1), [json!(12.5)]);
+    service.run(first_feed.stop(LONGEST));
+    let second_feed = feed(&service, port, &root, "");
+    for n in 20..40 {
+        let mut unknown: Value = serde_json::from_slice(&json_block(n * BLOCK)).unwrap();
+        unknown.as_object_mut().unwrap().remove("operating_point");
+        sender.send(&topic, unknown.to_string().as_bytes());
+    }
+    assert_eq!(speeds(&service, 2), [json!(12.5), Value::Null]);
+    service.run(second_feed.stop(LONGEST));
 }
 
 #[test]
