@@ -239,7 +239,7 @@ impl PointStream {
         let Address { asset, point } = &self.address;
         self.sender = None;
         let mut sender = service.streams.open(asset, point, format, None).await?;
-        self.newest = self.newest.max(service.streams.status(asset, point).await?.next_time);
+        self.newest = self.newest.max(service.streams.status(asset, point).await?.sender_time);
         sender.take(self.waiting.iter().map(Block::chunk).collect()).await?;
         self.refreshed_at = Instant::now();
         self.operating_point = None;

@@ -132,6 +132,40 @@ fn blocks_become_a_stream_and_its_records() {
     service.run(third_feed.stop(LONGEST));
 }
 
+#[test]
+#[ignore = "needs mosquitto"]
+fn a_repeated_block_is_recognised_after_a_jump_of_the_sensors_clock() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = service();
+    let (root, rate_hz) = (unique("jump"), RATE_HZ as f64);
+    let topic = format!("{root}/pump/in/samples");
+    let listener = Listener::connect(port, &format!("{root}/+/+/rejected"));
+    let first_feed = feed(&service, port, &root, "client_id = \"jump\"");
+    let mut sender = Sender::connect(port);
+    // The clock is set an hour ahead after 5 s.
+    let at = |n: u64| time_of(n * BLOCK) + SignedDuration::from_hours(i64::from(n >= 50));
+    let last = 230;
+    for n in 0..=last {
+        sender.send(&topic, &block(n * BLOCK, at(n), rate_hz));
+    }
+    let stored = |next: u64| {
+        service.wait_for("/v1/assets/pump/streams", |streams| streams["items"][0]["next"] == next);
+    };
+    stored((last + 1) * BLOCK);
+    service.run(first_feed.stop(LONGEST));
+    let second_feed = feed(&service, port, &root, "client_id = \"jump\"");
+    sender.send(&topic, &block(last * BLOCK, at(last), rate_hz));
+    // The count of this one has restarted.
+    sender.send(&topic, &block(0, at(last + 20), rate_hz));
+    let rejected = listener.wait_for(1);
+    assert_eq!(rejected[0].1["value"], "0", "{rejected:?}");
+    sender.send(&topic, &block((last + 1) * BLOCK, at(last + 1), rate_hz));
+    stored((last + 2) * BLOCK);
+    assert_eq!(listener.wait_for(1).len(), 1);
+    service.run(second_feed.stop(LONGEST));
+}
+
 /// The shaft speeds of the records of a stream in time order.
 fn speeds(service: &Service, count: usize) -> Vec<Value> {
     let page = service.wait_for("/v1/assets/pump/segments?limit=1000", |page| {

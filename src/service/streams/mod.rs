@@ -85,6 +85,8 @@ pub struct StreamStatus {
     pub next: Option<u64>,
     /// The time of this index.
     pub next_time: Option<Timestamp>,
+    /// The time of this index by the sender's clock, which may have jumped.
+    pub sender_time: Option<Timestamp>,
     /// Deviation of the actual from the nominal sampling rate in parts per million; positive if samples
     /// arrive faster.
     pub drift_ppm: Option<f64>,
@@ -379,6 +381,7 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, Se
         format: state.format.clone(),
         next: state.next,
         next_time: state.next.and_then(|next| state.time(next)),
+        sender_time: state.next.and_then(|next| state.sender_time(next)),
         drift_ppm: state.clock.drift_ppm(),
         clock_jumps: state.clock.jumps(),
         gaps: state.gaps,

@@ -258,6 +258,11 @@ impl StreamState {
         Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
     }
 
+    /// The time of a sample by the sender's clock; `None` before the first one.
+    pub(super) fn sender_time(&self, index: u64) -> Option<Timestamp> {
+        Timestamp::from_nanosecond(self.clock.sender_time_ns(index)?.into()).ok()
+    }
+
     /// The pulses of a planned record, which never change.
     pub(super) fn tachometer_of(&self, cut: StreamCut) -> Option<Tachometer> {
         self.tachometer.of(cut, self.format.sample_rate_hz())
