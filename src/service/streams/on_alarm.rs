@@ -27,14 +27,20 @@ struct RaisedSeverities(HashMap<String, Severity>);
 impl RaisedSeverities {
     /// Whether a notice raises an alarm or increases its severity.
     fn is_news(&mut self, notice: &AlarmNotice) -> bool {
-        let Some(severity) = notice.change.severity else {
-            self.0.remove(&notice.alarm.id);
+        let AlarmNotice { alarm, change } = notice;
+        // The last change of an alarm without a rule was another one.
+        let Some(severity) = change.severity.filter(|_| alarm.rule.is_some()) else {
+            self.0.remove(&alarm.id);
             return false;
         };
-        let before = self.0.insert(notice.alarm.id.clone(), severity);
-        notice.change.state == AlarmState::Unacknowledged
-            && notice.change.action.as_ref().is_none_or(|action| action.automatic_reading().is_some())
-            && before.is_none_or(|before| severity > before)
+        let before = self.0.insert(alarm.id.clone(), severity);
+        // A danger before this process started can only have eased to a warning.
+        let is_first = || {
+            severity == Severity::Danger || alarm.alarm.raised_at().is_none_or(|raised| raised == change.time)
+        };
+        change.state == AlarmState::Unacknowledged
+            && change.action.as_ref().is_none_or(|action| action.automatic_reading().is_some())
+            && before.map_or_else(is_first, |before| severity > before)
     }
 }
 
@@ -111,5 +117,58 @@ impl Streams {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::estimate::{Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings};
+    use crate::store::StoredAlarm;
+
+    /// The notices of an alarm with these readings, one a second.
+    fn notices(readings: &[f64]) -> Vec<AlarmNotice> {
+        let settings = AlarmSettings { raise: 1, raise_of: 1, clear: 1, clear_of: 1 };
+        let rule = AlarmRule {
+            warning: Some(1.0),
+            danger: Some(2.0),
+            settings,
+            ..AlarmRule::of(AlarmQuantity::Novelty)
+        };
+        let mut alarm = Alarm::default();
+        let notice = |(second, value): (i64, &f64)| {
+            let time = Timestamp::from_second(second).unwrap();
+            let change = alarm.reading(&rule, AlarmReading { time, value: Some(*value) })?;
+            let stored = StoredAlarm {
+                id: "a".to_owned(),
+                asset_id: AssetId::new("pump").unwrap(),
+                channel: "1".to_owned(),
+                quantity: rule.quantity.clone(),
+                rule: Some(rule.clone()),
+                alarm: alarm.clone(),
+                changed_at: time,
+            };
+            Some(AlarmNotice { alarm: stored, change })
+        };
+        (0..).zip(readings).filter_map(notice).collect()
+    }
+
+    #[test]
+    fn only_a_raised_or_worsened_alarm_is_news() {
+        // Warning, danger, warning, cleared, danger, warning.
+        let notices = notices(&[1.5, 2.5, 1.5, 0.5, 2.5, 1.5]);
+        let expected = [true, true, false, false, true, false];
+        let mut raised = RaisedSeverities::default();
+        for (n, (notice, expected)) in notices.iter().zip(expected).enumerate() {
+            assert_eq!(raised.is_news(notice), expected, "{n}");
+            // The first notice after a start.
+            assert_eq!(RaisedSeverities::default().is_news(notice), expected, "{n}");
+            let mut without_rule = notice.clone();
+            without_rule.alarm.rule = None;
+            assert!(!RaisedSeverities::default().is_news(&without_rule), "{n}");
+        }
+        assert_eq!(notices.len(), expected.len());
     }
 }
