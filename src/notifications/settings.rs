@@ -252,7 +252,9 @@ fn parse_server(field: &str, url: &str) -> Result<(Encryption, String, u16), Not
     if !is_bare || authority.as_str().contains('@') || authority.host().is_empty() {
         return Err(invalid());
     }
-    Ok((encryption, authority.host().to_owned(), authority.port_u16().unwrap_or(port)))
+    // An IPv6 address is resolved without its brackets.
+    let host = authority.host().trim_matches(['[', ']']);
+    Ok((encryption, host.to_owned(), authority.port_u16().unwrap_or(port)))
 }
 
 /// Reads the certificates of a file; `None` without a file.
@@ -309,6 +311,8 @@ mod tests {
         assert_eq!(settings.dashboard_url.as_deref(), Some("https://host"));
         let Transport::Mail(mail) = &settings.transports[1].1 else { panic!("expected a mail") };
         assert_eq!((mail.host.as_str(), mail.port, mail.encryption), ("mail", 465, Encryption::Tls));
+        let relay = parse_server("server", "smtp+plain://[::1]").unwrap();
+        assert_eq!(relay, (Encryption::None, "::1".to_owned(), 25));
     }
 
     #[test]
