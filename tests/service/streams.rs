@@ -208,22 +208,59 @@ fn a_stream_resumes_after_a_restart_at_the_services_index() {
     records(&service, "in", 1);
 }
 
+/// Begins a request with samples whose number is unknown.
+fn begin_body(service: &Service, path: &str, more: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(service.url("").trim_start_matches("http://")).unwrap();
+    let head =
+        "content-type: application/octet-stream\r\ntransfer-encoding: chunked\r\nconnection: close\r\n";
+    write!(stream, "POST {path} HTTP/1.1\r\nhost: localhost\r\n{head}{more}\r\n").unwrap();
+    stream
+}
+
+fn send_piece(stream: &mut TcpStream, piece: &[u8]) {
+    write!(stream, "{:x}\r\n", piece.len()).unwrap();
+    stream.write_all(piece).unwrap();
+    stream.write_all(b"\r\n").unwrap();
+}
+
+#[test]
+fn an_endless_body_follows_the_description_and_the_token() {
+    let service = service();
+    let path = format!("/v1/assets/pump/stream?{FORMAT}&start_time=2026-01-01T00:00:00Z");
+    let stored = |next: u64| {
+        service.wait_for("/v1/assets/pump/streams", |list| list["items"][0]["next"] == next);
+    };
+    let mut stream = begin_body(&service, &path, "");
+    send_piece(&mut stream, &frames(0, 3000));
+    stored(3000);
+    service.put_json("/v1/assets/pump", &asset(1.0, 1.0)).expect(200);
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    send_piece(&mut stream, &frames(3000, 12_000));
+    service.wait_for("/v1/assets/pump/stream", |status| status["records"] == 6);
+    drop(stream);
+
+    let tokens = Tokens::of(service.folder());
+    let token = tokens.create("sensor", Scope::Write);
+    let mut stream = begin_body(&service, &path, &format!("authorization: Bearer {token}\r\n"));
+    send_piece(&mut stream, &frames(15_000, 100));
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    tokens.revoke(token.split('_').nth(1).unwrap()).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(4100));
+    send_piece(&mut stream, &frames(15_100, 100));
+    let mut answer = String::new();
+    stream.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 401 "), "{answer}");
+}
+
 #[test]
 fn an_endless_body_is_stored_as_it_arrives() {
     let service = service();
     let path = format!("/v1/assets/pump/stream?{FORMAT}&first_index=0&start_time=2026-01-01T00:00:00Z");
-    let address = service.url("");
-    let mut stream = TcpStream::connect(address.trim_start_matches("http://")).unwrap();
-    let head =
-        "content-type: application/octet-stream\r\ntransfer-encoding: chunked\r\nconnection: close\r\n";
-    write!(stream, "POST {path} HTTP/1.1\r\nhost: localhost\r\n{head}\r\n").unwrap();
+    let mut stream = begin_body(&service, &path, "");
     let all = frames(0, 3000);
     // Pieces that end in the middle of a frame and of a sample.
-    for piece in all.chunks(1001) {
-        write!(stream, "{:x}\r\n", piece.len()).unwrap();
-        stream.write_all(piece).unwrap();
-        stream.write_all(b"\r\n").unwrap();
-    }
+    all.chunks(1001).for_each(|piece| send_piece(&mut stream, piece));
     service.wait_for("/v1/assets/pump/streams", |list| list["items"][0]["next"] == 3000);
     stream.write_all(b"0\r\n\r\n").unwrap();
     let mut answer = String::new();

@@ -5,6 +5,9 @@ pub(super) mod live_view;
 mod socket;
 mod views;
 
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
 use axum::Extension;
 use axum::Json;
 use axum::body::Body;
@@ -18,6 +21,7 @@ use jiff::Timestamp;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
+use super::access::TokenWatch;
 use super::access::session::Caller;
 use super::access::shares::{Client, Share};
 use super::app::App;
@@ -28,7 +32,8 @@ use super::server::connections::closing;
 use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{StreamProgress, StreamSender};
+use crate::service::{ServiceError, StreamProgress, StreamSender};
+use crate::store::StoreError;
 use views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
@@ -38,6 +43,9 @@ const CHUNK_BYTES: usize = 1 << 20;
 
 /// Maximum number of seconds of levels per answer.
 const MAX_LEVELS: usize = 100_000;
+
+/// Interval at which the token and the asset of a stream are checked.
+const CHECK_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Stream parameters in the address.
 #[derive(Debug, Clone, Deserialize, utoipa::IntoParams)]
@@ -229,6 +237,7 @@ pub(super) async fn send(
     AssetInPath(asset): AssetInPath,
     Parameters(params): Parameters<StreamParameters>,
     client: Client,
+    caller: Option<Extension<Caller>>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<StreamAnswer>, Problem> {
@@ -255,12 +264,21 @@ pub(super) async fn send(
     let mut first = params.first_index.or(sender.next()).unwrap_or(0);
     let mut start_time = params.start_time;
     let mut over = app.service.streams.follow_end();
+    let mut token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
+    let mut checked_at = Instant::now();
     loop {
         let bytes = tokio::select! {
             _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service is stopping", 1)),
             bytes = body.next() => bytes?,
         };
         let Some(bytes) = bytes else { break };
+        if token.is_revoked().await {
+            return Err(Problem::new(StatusCode::UNAUTHORIZED, "the token was revoked"));
+        }
+        if checked_at.elapsed() >= CHECK_INTERVAL {
+            checked_at = Instant::now();
+            refresh(&mut sender).await?;
+        }
         let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
         let mut chunk: Chunk = sender.received_now(first, bytes);
         if let Some(time) = start_time.take() {
@@ -274,6 +292,17 @@ pub(super) async fn send(
         first += frames;
     }
     Ok(Json(StreamAnswer { next: sender.next(), gaps }))
+}
+
+/// Checks whether a stream may continue, and reloads its record settings.
+async fn refresh(sender: &mut StreamSender) -> Result<(), ServiceError> {
+    match sender.refresh().await {
+        Err(error @ (ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamTaken)) => {
+            Err(error)
+        }
+        // the database may be back at the next check; the stream does not wait for it
+        _ => Ok(()),
+    }
 }
 
 fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {

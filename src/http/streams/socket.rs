@@ -9,7 +9,7 @@ use futures_util::FutureExt;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-use super::OpenStream;
+use super::{CHECK_INTERVAL, OpenStream, refresh};
 use crate::http::access::session::Caller;
 use crate::http::app::App;
 use crate::recording::stream::Chunk;
@@ -30,9 +30,6 @@ const HEAD_BYTES: usize = 16;
 /// Silence after which the sender is pinged, and after which it counts as gone.
 const PING_AFTER: Duration = Duration::from_secs(15);
 const GONE_AFTER: Duration = Duration::from_secs(45);
-
-/// Interval at which the token and the asset are checked.
-const CHECK_INTERVAL: Duration = Duration::from_secs(2);
 
 /// A control message of a sender.
 #[derive(Debug, Deserialize)]
@@ -199,13 +196,7 @@ impl Connection {
         {
             return Err(Closing::new(4401, "the token was revoked"));
         }
-        match self.sender.refresh().await {
-            Err(error @ (ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamTaken)) => {
-                Err(error.into())
-            }
-            // the database may be back at the next check; the stream does not wait for it
-            _ => Ok(()),
-        }
+        refresh(&mut self.sender).await.map_err(Closing::from)
     }
 
     /// Handles a message together with further ones already received; false if the connection has ended.
