@@ -376,6 +376,12 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     assert_eq!(second.next, Some(20));
     second.send_json(&json!({ "type": "dance" }));
     assert_eq!(second.receive().unwrap_err().0, 4400);
+    // A standstill is an operating point, unlike a speed that no record can have.
+    let mut second = open(&service, "");
+    second.send_json(&json!({ "type": "operating", "shaft_speed_hz": 0 }));
+    second.send_json(&json!({ "type": "operating", "shaft_speed_hz": -16.6 }));
+    let (code, reason) = second.receive().unwrap_err();
+    assert!(code == 4400 && reason.contains("shaft_speed_hz"), "{code} {reason}");
     // The latest connection owns the stream: an earlier one may be half-open.
     let mut third = open(&service, "");
     let mut fourth = open(&service, "");

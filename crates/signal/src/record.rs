@@ -37,6 +37,36 @@ pub struct OperatingPoint {
     pub temperature_c: Option<f64>,
 }
 
+impl OperatingPoint {
+    /// Checks the operating point of a record, during which the shaft turns.
+    ///
+    /// # Errors
+    /// [`RecordError::OperatingPoint`] with the value that is out of range.
+    pub fn check(&self) -> Result<(), RecordError> {
+        if let Some(value) = self.shaft_speed_hz
+            && !(value > 0.0 && value <= MAX_SHAFT_SPEED_HZ)
+        {
+            return Err(RecordError::OperatingPoint {
+                field: "shaft_speed_hz",
+                value,
+                expected: "a number above 0 and at most 1e6",
+            });
+        }
+        for (field, value) in [("torque_nm", self.torque_nm), ("temperature_c", self.temperature_c)] {
+            if let Some(value) = value
+                && !(-MAX_OPERATING_VALUE..=MAX_OPERATING_VALUE).contains(&value)
+            {
+                return Err(RecordError::OperatingPoint {
+                    field,
+                    value,
+                    expected: "a number from -1e12 to 1e12",
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Quality flags of a record's samples, set by the acquisition.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -213,28 +243,7 @@ impl<'a> RecordOf<'a> {
 
     /// Sets the operating point.
     pub fn with_operating_point(mut self, operating_point: OperatingPoint) -> Result<Self, RecordError> {
-        if let Some(value) = operating_point.shaft_speed_hz
-            && !(value > 0.0 && value <= MAX_SHAFT_SPEED_HZ)
-        {
-            return Err(RecordError::OperatingPoint {
-                field: "shaft_speed_hz",
-                value,
-                expected: "a number above 0 and at most 1e6",
-            });
-        }
-        for (field, value) in
-            [("torque_nm", operating_point.torque_nm), ("temperature_c", operating_point.temperature_c)]
-        {
-            if let Some(value) = value
-                && !(-MAX_OPERATING_VALUE..=MAX_OPERATING_VALUE).contains(&value)
-            {
-                return Err(RecordError::OperatingPoint {
-                    field,
-                    value,
-                    expected: "a number from -1e12 to 1e12",
-                });
-            }
-        }
+        operating_point.check()?;
         self.operating_point = operating_point;
         Ok(self)
     }

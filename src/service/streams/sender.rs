@@ -9,6 +9,7 @@ use super::live::LiveStream;
 use super::stored::{StoredStream, StreamProgress};
 use super::tachometer::Pulses;
 use super::{MAX_PENDING, Streams};
+use crate::recording::RecordingError;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::service::workers::blocking;
@@ -70,10 +71,13 @@ impl StreamSender {
         self.write(move |stored| stored.give_up_before(index, &cutting)).await
     }
 
-    /// Sets the operating point of the machine from now on.
+    /// Sets the operating point of the machine from now on; a speed of 0 is a standstill.
     ///
-    /// Errors: as those of [`take`](Self::take).
+    /// Errors: a value that no record can have; those of [`take`](Self::take).
     pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
+        let turning_hz = point.shaft_speed_hz.filter(|speed_hz| *speed_hz != 0.0);
+        let turning = OperatingPoint { shaft_speed_hz: turning_hz, ..point };
+        turning.check().map_err(RecordingError::from)?;
         let cutting = Arc::clone(&self.cutting);
         self.write(move |stored| stored.set_operating_point(point, &cutting)).await
     }
