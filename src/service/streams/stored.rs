@@ -27,6 +27,9 @@ use crate::store::{Disk, JournalEntry, StreamJournal, StreamLevels, TimedLevel};
 /// Seconds by which chunks may arrive ahead of earlier ones.
 const REORDER_S: f64 = 2.0;
 
+/// Maximum number of bytes of samples in one entry of the journal, which are read back up to 9 MiB.
+const ENTRY_BYTES: usize = 4 << 20;
+
 /// A range of missing samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamGap {
@@ -355,6 +358,7 @@ impl StoredStream {
     }
 
     fn write(&mut self, pieces: &[Piece], cutting: &Cutting) -> Result<StreamProgress, ServiceError> {
+        let frame_bytes = self.state.format.frame_bytes();
         let gaps = self.change(Author::Sender, |draft| {
             let mut gaps = Vec::new();
             for piece in pieces {
@@ -364,9 +368,11 @@ impl StoredStream {
                         draft.add(JournalEntry::Gap { first, frames });
                         gaps.push(StreamGap { first, samples: frames });
                     }
-                    Piece::Frames(Chunk { first, time_ns, bytes }) => {
-                        draft.add(JournalEntry::Frames { first, time_ns, bytes });
-                        draft.cut_whole(cutting);
+                    Piece::Frames(chunk) => {
+                        for Chunk { first, time_ns, bytes } in parts(chunk, frame_bytes) {
+                            draft.add(JournalEntry::Frames { first, time_ns, bytes });
+                            draft.cut_whole(cutting);
+                        }
                     }
                 }
             }
@@ -413,6 +419,16 @@ impl StoredStream {
             }
         }
     }
+}
+
+/// The parts of a chunk, each of which fits into an entry of the journal. The first one has the time.
+fn parts(chunk: Chunk, frame_bytes: usize) -> impl Iterator<Item = Chunk> {
+    let step = (ENTRY_BYTES / frame_bytes).max(1) * frame_bytes;
+    (0..chunk.bytes.len()).step_by(step).map(move |at| Chunk {
+        first: chunk.first + (at / frame_bytes) as u64,
+        time_ns: chunk.time_ns.filter(|_| at == 0),
+        bytes: chunk.bytes.slice(at..chunk.bytes.len().min(at + step)),
+    })
 }
 
 fn assembler(state: &StreamState) -> Assembler {

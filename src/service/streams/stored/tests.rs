@@ -64,6 +64,23 @@ fn a_killed_stream_resumes_with_the_same_records() {
 }
 
 #[test]
+fn a_chunk_larger_than_an_entry_of_the_journal_is_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = StreamPlace::in_folder(folder.path());
+    let format = StreamFormat::new(RawSample::I16, 1e6, 3, None).unwrap();
+    let policy = Cutting::from(CutPolicy::new(1.0, 1.0, 1e6).unwrap());
+    let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+    let bytes: Bytes = (0..12_000_000_u32).map(|k| (k >> 8) as u8).collect();
+    stream.take(vec![Chunk { first: 0, time_ns: Some(0), bytes: bytes.clone() }], &policy).unwrap();
+    stream.take(vec![Chunk { first: 2_000_000, time_ns: None, bytes: vec![1; 6].into() }], &policy).unwrap();
+    drop(stream);
+    let stream = StoredStream::open(&place).unwrap().unwrap();
+    assert_eq!((stream.state.next, stream.state.pending.len()), (Some(2_000_001), 2));
+    let cut = stream.state.pending[1].cut;
+    assert!(stream.bytes_of(cut, 0).unwrap().unwrap() == bytes.slice(6_000_000..));
+}
+
+#[test]
 fn only_samples_needed_by_records_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
