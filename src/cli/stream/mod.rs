@@ -165,6 +165,10 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
         }
     }
     let spool = Spool::open(args.spool.clone(), args.spool_bytes, &sender.format)?;
+    if args.start_time.is_none() {
+        // The same for those of the last run that are not sent yet.
+        begin_index = begin_index.max(spool.end_on_disk(source.format().frame_bytes()));
+    }
     let shared =
         Arc::new(Shared { buffer: Mutex::new(Buffer { spool, end: None }), changed: Condvar::new() });
     let reader = Reader {

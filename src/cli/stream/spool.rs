@@ -67,6 +67,12 @@ impl Spool {
         Ok(Self { memory, memory_bytes: 0, folder, files, file_bytes, max_file_bytes })
     }
 
+    /// Returns the index after the last sample on disk; 0 without any.
+    pub(super) fn end_on_disk(&self, frame_bytes: usize) -> u64 {
+        let samples = |bytes: u64| bytes.saturating_sub(HEADER_BYTES as u64) / frame_bytes as u64;
+        self.files.back().map_or(0, |(first, bytes)| first + samples(*bytes))
+    }
+
     /// Adds a block and drops the oldest blocks above the limits; returns the bytes of samples dropped.
     pub(super) fn push(&mut self, block: Block) -> Result<u64, CliError> {
         let bytes = block.bytes.len() as u64;
@@ -188,12 +194,14 @@ mod tests {
         }
         assert!(spool.is_full() && spool.is_on_disk());
         assert_eq!(drain(&mut spool), blocks);
+        assert_eq!(spool.end_on_disk(8), 0);
         // The next run starts with the blocks that this one leaves.
         for block in &blocks {
             spool.push(block.clone()).unwrap();
         }
         assert_eq!(spool.save().unwrap(), 0);
         let mut spool = open();
+        assert_eq!(spool.end_on_disk(8), 900 + (1 << 17));
         spool.push(block(10, 8)).unwrap();
         let all = drain(&mut spool);
         assert_eq!((&all[..10], &all[10]), (&blocks[..], &block(10, 8)));
