@@ -104,6 +104,8 @@ impl Sender<'_> {
             start_time: *next_start,
             time_of_day: TimeOfDay::FromStart,
             sample_rate_hz: args.rate,
+            // The server knows the asset's unit.
+            unit: Some(String::new()),
             ..RecordDefaults::default()
         };
         args.values.apply(path, &mut defaults)?;
@@ -139,6 +141,10 @@ impl Sender<'_> {
             let mut request = self.server.authorized(request);
             if let Some(depth) = recorded.reference_wear_um {
                 request = request.query("reference_wear_um", depth.to_string());
+            }
+            // In a block this time means none, and the server would take the time of receipt.
+            if recorded.record.start_time() == Timestamp::UNIX_EPOCH {
+                request = request.query("start_time", Timestamp::UNIX_EPOCH.to_string());
             }
             let reason = match request.send(&body) {
                 Ok(response) if response.status().is_success() => {

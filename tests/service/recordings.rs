@@ -6,6 +6,7 @@ use flankwatch::recording::{BlockEncoding, RecordDefaults, decode_block, encode_
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
+use crate::command::flankwatch;
 use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 
 fn wait_for_end(service: &Service, replay: &Value) -> Value {
@@ -335,4 +336,34 @@ fn recordings_are_previewed_without_being_stored() {
         .post("/v1/recording-preview?sample_rate_hz=-1", "application/x-matlab-data", &mat)
         .expect_problem(400, &["sample_rate_hz"]);
     assert_eq!(service.get("/v1/assets").expect(200).json()["items"], json!([]));
+}
+
+/// A WAV states neither unit nor time: its samples are in the asset's unit, as in an upload of the file, and
+/// the first record keeps the default start, so a repeat stores nothing.
+#[test]
+fn a_replayed_wav_has_the_units_of_the_asset_and_its_own_times() {
+    let service = Service::start();
+    let point = json!({"channel": "2", "unit": "g"});
+    let mut asset = plain_asset("pump");
+    asset["points"] = json!([point]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.wav");
+    std::fs::write(&path, wav(&[[samples(0), samples(1)].concat(), [samples(2), samples(3)].concat()]))
+        .unwrap();
+    let url = service.url("");
+    let words =
+        ["replay", path.to_str().unwrap(), "--asset", "pump", "--record-seconds", "0.5", "--url", &url];
+    for _ in 0..2 {
+        flankwatch(&words).expect_success();
+    }
+    let stored = service.get("/v1/assets/pump/segments").expect(200).json();
+    let mut found: Vec<_> = stored["items"].as_array().unwrap().iter().collect();
+    found.sort_by_key(|segment| segment["channel"].to_string());
+    let found: Vec<_> =
+        found.iter().map(|s| ["channel", "unit", "start_time"].map(|name| &s[name])).collect();
+    let times = ["1970-01-01T00:00:00Z", "1970-01-01T00:00:00.5Z"];
+    let expected =
+        [("1", "m/s2", times[0]), ("1", "m/s2", times[1]), ("2", "g", times[0]), ("2", "g", times[1])];
+    assert_eq!(json!(found), json!(expected));
 }
