@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
-use super::server::{ServerArgs, asset_id};
+use super::server::{ServerArgs, asset_id, refusal};
 use super::{CliError, output};
 use crate::recording::{
     BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay, encode_block,
@@ -80,7 +80,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
         sender.send_file(path, args, &mut next_start, &progress)?;
     }
     drop(progress);
-    output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
+    output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))
 }
 
 struct Sender<'a> {
@@ -115,7 +115,7 @@ impl Sender<'_> {
             let recorded = recorded.map_err(CliError::recording(path))?;
             *next_start = (*next_start).max(recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
-            self.send(&recorded)?;
+            self.send(&recorded, progress)?;
             progress.set_read(file.bytes_read());
         }
         Ok(())
@@ -129,7 +129,7 @@ impl Sender<'_> {
         thread::sleep(Duration::from_secs_f64(due.min(1e9)).saturating_sub(began.elapsed()));
     }
 
-    fn send(&mut self, recorded: &Recorded) -> Result<(), CliError> {
+    fn send(&mut self, recorded: &Recorded, progress: &ReadingProgress) -> Result<(), CliError> {
         let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
         let mut wait = Duration::from_millis(250);
         let failed = |reason: String| CliError::Server { url: self.url.clone(), reason };
@@ -155,12 +155,12 @@ impl Sender<'_> {
                     let status = response.status().as_u16();
                     let header = response.headers().get("retry-after");
                     let seconds = header.and_then(|value| value.to_str().ok()?.parse().ok());
-                    let detail = response.body_mut().read_to_string().unwrap_or_default();
+                    let reason = refusal(status, &response.body_mut().read_to_string().unwrap_or_default());
                     if !matches!(status, 429 | 502 | 503 | 504 | 507) {
-                        return Err(failed(format!("the server answered {status}: {detail}")));
+                        return Err(failed(reason));
                     }
                     retry_after = seconds.map(Duration::from_secs);
-                    format!("the server answered {status}: {detail}")
+                    reason
                 }
                 Err(error) => error.to_string(),
             };
@@ -169,6 +169,10 @@ impl Sender<'_> {
                     "{reason} (gave up after {MAX_ATTEMPTS} attempts with {} records sent; run again to resume)",
                     self.sent
                 )));
+            }
+            // A server that is busy for a moment is not worth a line.
+            if attempts == 2 {
+                progress.print(&format!("note: {}: {reason}; still trying", self.url));
             }
             thread::sleep(retry_after.map_or(wait, |after| after.min(MAX_RETRY_AFTER)));
             wait = (wait * 2).min(MAX_WAIT);

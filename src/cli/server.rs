@@ -16,7 +16,7 @@ pub(super) const TIMEOUT: Duration = Duration::from_secs(600);
 #[derive(Debug, Clone, Args)]
 pub(super) struct ServerArgs {
     /// URL of the server
-    #[arg(long, default_value = "http://127.0.0.1:8600")]
+    #[arg(long, default_value = "http://127.0.0.1:8600", value_parser = server_url)]
     url: String,
     /// CA certificates (PEM) to verify the server with [default: the public CAs]
     #[arg(long, value_name = "FILE")]
@@ -51,6 +51,17 @@ impl ServerArgs {
     }
 }
 
+/// Checks the URL of a server, which must be complete.
+fn server_url(text: &str) -> Result<String, String> {
+    let is_usable = text.parse::<ureq::http::Uri>().is_ok_and(|uri| {
+        matches!(uri.scheme_str(), Some("http" | "https")) && uri.host().is_some() && uri.query().is_none()
+    });
+    match is_usable {
+        true => Ok(text.to_owned()),
+        false => Err("expected a URL with http:// or https:// such as http://127.0.0.1:8600".to_owned()),
+    }
+}
+
 /// Returns the CA certificates of a file, or the public ones.
 fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
     let Some(file) = file else {
@@ -69,6 +80,13 @@ fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
     Ok(RootCerts::from(certificates))
 }
 
+/// Describes an unsuccessful answer: its status, and the detail of the problem if its body is one.
+pub(super) fn refusal(status: u16, body: &str) -> String {
+    let problem = serde_json::from_str::<serde_json::Value>(body).ok();
+    let detail = problem.as_ref().and_then(|problem| problem["detail"].as_str()).unwrap_or(body.trim());
+    format!("the server answered {status}: {detail}")
+}
+
 /// Returns a successful response.
 pub(super) fn success(
     url: &str,
@@ -79,7 +97,7 @@ pub(super) fn success(
     let status = response.status();
     if !status.is_success() {
         let body = response.body_mut().read_to_string().unwrap_or_default();
-        return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
+        return Err(failed(refusal(status.as_u16(), &body)));
     }
     Ok(response)
 }
@@ -94,4 +112,26 @@ pub(super) fn success_body(
 
 pub(super) fn asset_id(text: &str) -> Result<AssetId, CliError> {
     AssetId::new(text.to_owned()).map_err(|error| CliError::Argument(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_url_is_complete() {
+        for url in ["http://127.0.0.1:8600", "https://watch.example/flankwatch/"] {
+            assert_eq!(server_url(url).unwrap(), url);
+        }
+        for url in ["127.0.0.1:8600", "localhost", "ftp://x", "http://", "http:// x", "http://x?a=b", ""] {
+            assert!(server_url(url).unwrap_err().contains("http://"), "{url}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_has_the_detail_of_the_problem() {
+        let problem = r#"{"type":"about:blank","status":404,"detail":"there is no asset \"x\""}"#;
+        assert_eq!(refusal(404, problem), "the server answered 404: there is no asset \"x\"");
+        assert_eq!(refusal(502, "Bad gateway\n"), "the server answered 502: Bad gateway");
+    }
 }

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 
 use super::super::CliError;
-use super::super::server::ServerArgs;
+use super::super::server::{ServerArgs, refusal};
 use super::StreamArgs;
 use super::spool::Block;
 use crate::asset::AssetId;
@@ -116,10 +116,10 @@ impl Sender {
                     }
                     (200, Err(error)) => error.to_string(),
                     (408 | 429 | 500 | 502 | 503 | 504 | 507, text) => {
-                        format!("the server answered {status}: {}", text.unwrap_or_default())
+                        refusal(status, &text.unwrap_or_default())
                     }
                     (_, text) => {
-                        let reason = format!("the server answered {status}: {}", text.unwrap_or_default());
+                        let reason = refusal(status, &text.unwrap_or_default());
                         return Err(CliError::Server { url: self.url.clone(), reason });
                     }
                 }
