@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use jiff::Timestamp;
 
+use super::output::note;
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
@@ -85,7 +86,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     }?;
     drop(progress);
     partial.complete(&args.output)?;
-    eprintln!("{}: {written}", args.output.display());
+    note(&format!("{}: {written}", args.output.display()));
     Ok(())
 }
 

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::output::note;
+
 /// A progress bar on standard error, drawn only on a terminal; removed on drop.
 pub(super) struct ReadingProgress {
     bar: ProgressBar,
@@ -39,7 +41,7 @@ impl ReadingProgress {
 
     /// Prints a line on standard error above the bar.
     pub(super) fn print(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.suspend(|| note(line));
     }
 }
 

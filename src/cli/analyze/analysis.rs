@@ -12,10 +12,10 @@ use super::envelope::{AnalyzedEnvelope, EnvelopeArg};
 use super::record::{AnalyzedRecord, by_channel};
 use super::verdict::verdict;
 use crate::asset::AssetSpec;
-use crate::cli::CliError;
 use crate::cli::ensemble::Ensembles;
 use crate::cli::interrupt::interrupted;
 use crate::cli::reading_progress::ReadingProgress;
+use crate::cli::{CliError, output};
 use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MissingLibrary, PanelChange};
 use crate::library::LibraryError;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay};
@@ -196,13 +196,14 @@ impl<'a> Analysis<'a> {
         let interrupted = interrupted();
         let (have, all) = (first.members().len(), ensembles.members());
         for (channel, records) in by_channel(&self.records) {
-            eprintln!("channel {channel}, with {have} of {all} ensemble members: {}", verdict(&records));
+            let verdict = verdict(&records);
+            output::note(&format!("channel {channel}, with {have} of {all} ensemble members: {verdict}"));
         }
         match ensembles.complete(&first, Some(&interrupted)) {
             Ok(complete) => self.fold(&ChannelEstimator::new(settings, Some(Arc::new(complete)), rules)),
             Err(LibraryError::Cancelled) => {
-                eprintln!(
-                    "interrupted: the estimates are provisional; run the command to its end for final ones"
+                output::note(
+                    "interrupted: the estimates are provisional; run the command to its end for final ones",
                 );
             }
             Err(error) => return Err(error.into()),

@@ -183,7 +183,9 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
     let result = send_all(&shared, &mut sender, &stop);
     let lost = shared.lock().spool.save()?;
     if lost > 0 {
-        eprintln!("lost {lost} bytes of unsent samples: use --spool to keep them for the next run");
+        output::note(&format!(
+            "lost {lost} bytes of unsent samples: use --spool to keep them for the next run"
+        ));
     }
     result?;
     output::print(&format!("{} samples of each channel sent to {}\n", sender.sent, sender.url))
@@ -326,7 +328,7 @@ impl Reader {
         {
             // Before the first one, the device is only being started.
             if lost > 0 && !is_first {
-                eprintln!("lost {lost} samples of each channel: the device was read too late");
+                output::note(&format!("lost {lost} samples of each channel: the device was read too late"));
             }
             is_first = false;
             self.next += lost;
@@ -346,9 +348,9 @@ impl Reader {
             let dropped_bytes = buffer.spool.push(block)?;
             if dropped_bytes > 0 {
                 let frames = dropped_bytes / format.frame_bytes() as u64;
-                eprintln!("buffer full: dropped the oldest {frames} unsent samples");
+                output::note(&format!("buffer full: dropped the oldest {frames} unsent samples"));
             } else if !was_on_disk && buffer.spool.is_on_disk() {
-                eprintln!("buffering samples on disk until they can be sent");
+                output::note("buffering samples on disk until they can be sent");
             }
             self.shared.changed.notify_all();
         }

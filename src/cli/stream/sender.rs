@@ -6,6 +6,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 
 use super::super::CliError;
+use super::super::output::note;
 use super::super::server::{ServerArgs, refusal};
 use super::StreamArgs;
 use super::spool::Block;
@@ -127,7 +128,7 @@ impl Sender {
             Err(error) => error.to_string(),
         };
         if !std::mem::replace(&mut self.is_behind, true) {
-            eprintln!("failed to send, buffering samples: {reason}");
+            note(&format!("failed to send, buffering samples: {reason}"));
         }
         let wait = self.wait;
         self.wait = (wait * 2).min(MAX_WAIT);
@@ -142,7 +143,7 @@ impl Sender {
     /// Notes that everything read so far is sent.
     pub(super) fn caught_up(&mut self) {
         self.is_behind = false;
-        eprintln!("sent all buffered samples");
+        note("sent all buffered samples");
     }
 }
 
