@@ -233,6 +233,8 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
         row[header.iter().position(|other| other == name).unwrap()].to_owned()
     };
     let header = rows.headers().unwrap().clone();
+    let names: std::collections::BTreeSet<&str> = header.iter().collect();
+    assert_eq!(names.len(), header.len(), "{header:?}");
     let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 120);
     for (row, record) in rows.iter().zip(&records) {

@@ -9,11 +9,15 @@ use crate::signal::Name;
 /// Indicators whose columns come first.
 const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
 
+/// The column of the estimate's novelty, which is also an indicator.
+const NOVELTY: &str = "novelty";
+
 pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let mut writer = csv::Writer::from_writer(Vec::new());
     let all: BTreeSet<&Name> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
-    let others: Vec<&str> = all.into_iter().map(Name::as_str).filter(|name| !FIRST.contains(name)).collect();
+    let is_other = |name: &&str| !FIRST.contains(name) && *name != NOVELTY;
+    let others: Vec<&str> = all.into_iter().map(Name::as_str).filter(is_other).collect();
     let mut header: Vec<&str> = vec![
         "file",
         "channel",
@@ -31,7 +35,7 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
         "wear_high_um",
         "wear_status",
         "wear_cause",
-        "novelty",
+        NOVELTY,
         "wear_reason",
         "shaft_angle",
     ]);
