@@ -138,6 +138,7 @@ impl<'a> Analysis<'a> {
             wear_reason: "no asset description, see --asset".to_owned(),
             reference_wear_um: recorded.reference_wear_um,
             has_mesh: self.asset.as_ref().is_some_and(|asset| asset.gear.is_some()),
+            has_pair: self.asset.as_ref().is_some_and(|asset| asset.pair().is_some()),
             shaft_speed: analysis.shaft_speed,
             features: analysis.features,
         });

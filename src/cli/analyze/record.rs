@@ -41,6 +41,9 @@ pub(super) struct AnalyzedRecord {
     /// Whether the described machine has a gear mesh.
     #[serde(skip)]
     pub(super) has_mesh: bool,
+    /// Whether a gear pair is described, without which no wear is estimated.
+    #[serde(skip)]
+    pub(super) has_pair: bool,
     /// The shaft speed with its support.
     #[serde(skip)]
     pub(super) shaft_speed: Option<ShaftSpeed>,

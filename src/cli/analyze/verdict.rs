@@ -12,13 +12,31 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
     };
     let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
     match estimates {
-        Some(estimates) => of_estimates(&estimates, last.start_time, last.has_mesh),
+        Some(estimates) => of_estimates(&estimates, last.start_time, Machine::of(last)),
         None => format!("no wear estimate: {}", last.wear_reason),
     }
 }
 
+/// What is described of the machine.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Machine {
+    WithoutMesh,
+    Mesh,
+    GearPair,
+}
+
+impl Machine {
+    fn of(record: &AnalyzedRecord) -> Self {
+        match (record.has_mesh, record.has_pair) {
+            (false, _) => Self::WithoutMesh,
+            (true, false) => Self::Mesh,
+            (true, true) => Self::GearPair,
+        }
+    }
+}
+
 /// Summarises a channel's estimates; the last of them is of the record that starts at `last`.
-fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) -> String {
+fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, machine: Machine) -> String {
     let Some(latest) = estimates.last() else {
         return String::new();
     };
@@ -28,11 +46,11 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) ->
             format!("provisional: {}", worn(estimates, latest, last))
         }
         WearStatus::NoMesh => "normal: the last record matches the baseline".to_owned(),
-        WearStatus::CollectingBaseline if !has_mesh => {
+        WearStatus::CollectingBaseline if machine != Machine::GearPair => {
             let baseline = latest.baseline;
             format!("collecting the baseline: {} of {} records", baseline.have, baseline.need)
         }
-        WearStatus::OutsideLibrary if !has_mesh => {
+        WearStatus::OutsideLibrary if machine == Machine::WithoutMesh => {
             format!("abnormal {}: {}", since(estimates), cause_without_mesh(latest))
         }
         WearStatus::OutsideLibrary => format!("not wear {}: {}", since(estimates), cause(latest)),
@@ -149,7 +167,7 @@ mod tests {
     }
 
     fn summary(estimates: &[WearEstimate]) -> String {
-        of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH, true)
+        of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH, Machine::GearPair)
     }
 
     #[test]
@@ -182,8 +200,11 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_without_a_mesh_is_summarised_without_wear() {
-        let summary = |status| of_estimates(&[&wear(status)], Timestamp::UNIX_EPOCH, false);
+    fn a_machine_without_a_gear_pair_is_summarised_without_wear() {
+        let of = |status, machine| of_estimates(&[&wear(status)], Timestamp::UNIX_EPOCH, machine);
+        let without_pair = of(WearStatus::CollectingBaseline, Machine::Mesh);
+        assert_eq!(without_pair, "collecting the baseline: 8 of 20 records");
+        let summary = |status| of(status, Machine::WithoutMesh);
         assert_eq!(summary(WearStatus::NoMesh), "normal: the last record matches the baseline");
         for status in [WearStatus::CollectingBaseline, WearStatus::OutsideLibrary] {
             assert!(!summary(status).contains("wear"), "{}", summary(status));
