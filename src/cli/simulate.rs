@@ -1,6 +1,6 @@
 //! `flankwatch simulate`: simulates a run to failure with known wear.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{BufWriter, Cursor};
 use std::path::{Path, PathBuf};
@@ -11,6 +11,7 @@ use jiff::Timestamp;
 use rayon::prelude::*;
 
 use super::library::progress_bar;
+use super::server::asset_id;
 use super::{CliError, output, pair_file};
 use crate::recording::{McapCompression, McapOptions, McapWriter, WavWriter};
 use crate::signal::Record;
@@ -68,6 +69,7 @@ pub(super) struct SimulateArgs {
 
 /// Runs the command.
 pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
+    asset_id(&args.asset)?;
     let pair = pair_file::read(args.pair.as_deref())?;
     let run = Run::new(RunPlan {
         max_wear_um: args.max_wear_um.unwrap_or_else(|| pair.usual_wear_um()),
@@ -96,7 +98,8 @@ pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
         }
     }
     bar.finish_and_clear();
-    output::print(&format!("{} records of {} s in {}\n", args.records, args.seconds, args.out.display()))
+    let records = output::counted(args.records.into(), "record");
+    output::print(&format!("{records} of {} s in {}\n", args.seconds, args.out.display()))
 }
 
 /// Simulates the records in parallel batches and passes them to `write` in order.
@@ -155,11 +158,32 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
     file.sync_all().and_then(|()| fs::rename(&temporary, &args.out)).map_err(CliError::io(&args.out))
 }
 
+fn wav_name(index: u32) -> String {
+    format!("record-{index:05}.wav")
+}
+
+/// Refuses a folder with a WAV file that the run does not replace: it would count as a record of the run.
+fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
+    let replaced: BTreeSet<PathBuf> = (0..args.records).map(|index| args.out.join(wav_name(index))).collect();
+    for entry in fs::read_dir(&args.out).map_err(CliError::io(&args.out))? {
+        let path = entry.map_err(CliError::io(&args.out))?.path();
+        if path.extension().is_some_and(|extension| extension == "wav") && !replaced.contains(&path) {
+            return Err(CliError::Argument(format!(
+                "--out is {} and has {} already, expected a folder without records of another run",
+                args.out.display(),
+                path.file_name().unwrap_or_default().display()
+            )));
+        }
+    }
+    Ok(())
+}
+
 fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
     fs::create_dir_all(&args.out).map_err(CliError::io(&args.out))?;
+    check_folder(args)?;
     let mut truth = "file,start_time,wear_um\n".to_owned();
     for_each_record(run, |index, simulated| {
-        let name = format!("record-{index:05}.wav");
+        let name = wav_name(index);
         let path: &Path = &args.out.join(&name);
         write_wav(path, &simulated.record)?;
         truth += &format!("{name},{},{}\n", simulated.record.start_time(), simulated.wear_um);

@@ -276,6 +276,10 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
     assert_eq!(from_wav[0]["indicators"], from_mcap[2]["indicators"]);
     let truth = fs::read_to_string(format!("{wav}/truth.csv")).unwrap();
     assert!(truth.lines().nth(3).unwrap().ends_with(",245"), "{truth}");
+    // A shorter run would leave records of this one beside its own.
+    flankwatch(&["simulate", "--out", &wav, "--records", "2"])
+        .expect_failure(&["run.wav", "record-00002.wav"]);
+    flankwatch(&["simulate", "--out", &a, "--asset", "a b"]).expect_failure(&["a b"]);
 }
 
 #[test]
