@@ -102,7 +102,7 @@ enum Command {
     Figures(figures::FiguresArgs),
     /// Build, list and show libraries of simulated wear states
     Library(library::LibraryArgs),
-    /// Convert CSV or WAV recordings to MCAP or WAV
+    /// Convert recordings to MCAP or WAV
     Convert(convert::ConvertArgs),
     /// Create, list and revoke the API tokens of a service
     ///

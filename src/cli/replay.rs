@@ -51,8 +51,8 @@ pub(super) struct ReplayArgs {
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
-    /// Split WAV and CSV recordings into records of this length in seconds; a remainder below half of it is
-    /// dropped
+    /// Split recordings other than MCAP into records of this length in seconds; a remainder below half of it
+    /// is dropped
     #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
     /// Time of the first sample, for recordings without one; later recordings follow on

@@ -49,7 +49,8 @@ pub(super) struct AnalyzeArgs {
     /// Write an HTML report to this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Split recordings into records of this length in seconds; a remainder below half of it is dropped
+    /// Split recordings other than MCAP into records of this length in seconds; a remainder below half of it
+    /// is dropped
     #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
     /// Time of the first sample, for recordings without one; later recordings follow on
