@@ -63,6 +63,15 @@ fn a_value_of_the_wrong_type_is_answered_with_its_path() {
         let problem = described(&place, value).expect_problem(422, &[field, words]);
         assert_eq!(problem["field"], field, "{problem}");
     }
+    for (place, value, field) in [
+        (pair, json!({ "teeth": [31, 62] }), "gear.pair.geometry.module_mm"),
+        ("/gear", json!({ "teeth": [31, 62], "colour": "red" }), "gear.colour"),
+        ("/points/0", json!({ "colour": "red" }), "points[0].colour"),
+    ] {
+        let name = field.rsplit('.').next().unwrap();
+        let problem = described(place, value).expect_problem(422, &[name]);
+        assert_eq!(problem["field"], field, "{problem}");
+    }
     let huge = described("/gear/shaft_speed_hz", json!(1e308));
     assert_eq!(huge.expect_problem(422, &["gear.shaft_speed_hz is 1e308"])["value"], "1e308");
     service.post("/v1/assets", "application/json", b"{ \"id\": ").expect_problem(400, &["invalid body"]);
