@@ -7,7 +7,7 @@ import hashlib
 import os
 import sys
 import time as clock
-from datetime import datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -84,7 +84,8 @@ def argument_parser() -> argparse.ArgumentParser:
     parser.add_argument("--torque-nm", type=float, help="torque on the driving shaft in N·m")
     parser.add_argument(
         "--time-pattern",
-        help="strptime pattern of the UTC start time in file names without extension: %%Y%%m%%d_%%H%%M%%S",
+        help="strptime pattern of the start time in file names without extension, in UTC unless it has %%z: "
+        "%%Y%%m%%d_%%H%%M%%S",
     )
     parser.add_argument(
         "--start-time",
@@ -102,9 +103,12 @@ def time_in_name(path: Path, pattern: str) -> str:
     name = path.name.lower()
     stem = path.name[: -len(".csv.gz")] if name.endswith(".csv.gz") else path.stem
     try:
-        return datetime.strptime(stem, pattern).isoformat() + "Z"
-    except ValueError as error:
+        moment = datetime.strptime(stem, pattern)
+        if moment.tzinfo is not None:
+            moment = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    except (ValueError, OverflowError) as error:
         raise RecordingError(path, f"the name is {stem!r}, expected a time as in {pattern!r}") from error
+    return moment.isoformat() + "Z"
 
 
 def modification_time(path: Path) -> str:
@@ -263,8 +267,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    with state, Client(options.url, options.token, verify=options.ca or True) as client:
-        return send_all(Importer(client, options), state, files, root)
+    with state:
+        try:
+            client = Client(options.url, options.token, verify=options.ca or True)
+        except OSError as error:
+            print(f"error: --ca is {options.ca}, expected a PEM file: {error}", file=sys.stderr)
+            return 1
+        with client:
+            return send_all(Importer(client, options), state, files, root)
 
 
 def send_all(importer: Importer, state: ImportState, files: Sequence[Path], root: Path) -> int:

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import flankwatch
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 import scipy.io
 import soundfile
 from flankwatch.import_state import FILE_NAME
-from flankwatch.importing import main
+from flankwatch.importing import main, time_in_name
 
 from conftest import gear_signal
 
@@ -283,3 +284,15 @@ def test_import_errors_are_reported(run, tmp_path, capsys):
     assert run(tmp_path, *nowhere)[0] == 1
     status, _, err = run(tmp_path, *nowhere, "--rate-hz", 100)
     assert status == 1 and "http://127.0.0.1:1 cannot be reached" in err
+
+
+def test_a_time_in_a_name_is_in_utc_unless_the_pattern_has_an_offset():
+    pattern = PATTERN[1]
+    assert time_in_name(Path("20260301_100000.csv.gz"), pattern) == "2026-03-01T10:00:00Z"
+    assert time_in_name(Path("20260301_100000+0200.wav"), f"{pattern}%z") == "2026-03-01T08:00:00Z"
+
+
+def test_a_certificate_that_cannot_be_read_is_named(run, tmp_path):
+    write_mats(tmp_path, 1)
+    status, _, err = run(tmp_path, *PATTERN, "--ca", tmp_path / "none.pem")
+    assert status == 1 and "--ca is" in err and "none.pem" in err
