@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::wording::escape;
 use super::{Report, quantity_words};
-use crate::estimate::{AlarmQuantity, Severity};
+use crate::estimate::{AlarmQuantity, MaintenanceKind, Severity};
 
 /// Writes the verdict, below the title.
 pub(super) fn write(report: &Report, body: &mut String) {
@@ -44,9 +44,17 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
     }
 }
 
-/// The wear limit that the latest depth exceeds, if any.
+/// The wear limit that the latest depth exceeds, if any. A depth from before new gears or a new baseline does
+/// not count: from the first record after them the wear restarts at zero.
 fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
-    let depth_um = report.records.iter().rev().find_map(|record| record.wear.as_ref()?.median_um)?;
+    let last = report.records.last()?;
+    let restarts = report.maintenance.iter().filter(|event| {
+        matches!(event.kind, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen)
+            && event.time <= last.start_time
+    });
+    let restarted = restarts.map(|event| event.time).max();
+    let current = report.records.iter().filter(|record| Some(record.start_time) >= restarted);
+    let depth_um = current.rev().find_map(|record| record.wear.as_ref()?.median_um)?;
     let limits = [(Severity::Danger, report.limits.danger_um), (Severity::Warning, report.limits.warning_um)];
     limits.into_iter().find_map(|(severity, limit_um)| {
         let limit_um = limit_um.filter(|limit_um| depth_um >= *limit_um)?;
@@ -59,9 +67,9 @@ fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
 mod tests {
     use super::*;
     use crate::asset::WearLimits;
-    use crate::estimate::AlarmState;
-    use crate::report::ReportedAlarm;
+    use crate::estimate::{AlarmState, BaselineProgress, MaintenanceEvent, WearEstimate, WearStatus};
     use crate::report::page::tests::{estimated, record};
+    use crate::report::{ReportedAlarm, ReportedRecord};
 
     fn words(report: &Report) -> String {
         let (_, word, reason) = verdict(report);
@@ -98,5 +106,34 @@ mod tests {
             body.starts_with("<p class=\"verdict danger\"><strong>Danger</strong>: wear depth"),
             "{body}"
         );
+    }
+
+    #[test]
+    fn a_depth_of_replaced_gears_is_no_reason() {
+        let at = |time: &str| time.parse().unwrap();
+        let baseline = BaselineProgress { have: 1, need: 20 };
+        let collecting =
+            WearEstimate::without_number(WearStatus::CollectingBaseline, "collecting".to_owned(), baseline);
+        let next = ReportedRecord { start_time: at("1970-01-02T00:00:00Z"), ..record(collecting) };
+        let replaced = |time: &str| MaintenanceEvent {
+            time: at(time),
+            kind: MaintenanceKind::GearReplaced,
+            by: String::new(),
+            comment: String::new(),
+            inspection: None,
+            until: None,
+        };
+        let mut report = Report {
+            limits: WearLimits { warning_um: Some(120.0), danger_um: None },
+            records: vec![record(estimated([180.0, 220.0, 250.0])), next],
+            ..Report::default()
+        };
+        let worn = "Warning: wear depth 220 µm, warning limit 120 µm";
+        assert_eq!(words(&report), worn);
+        // It takes effect with the first record after it.
+        report.maintenance = vec![replaced("1970-01-03T00:00:00Z")];
+        assert_eq!(words(&report), worn);
+        report.maintenance.push(replaced("1970-01-01T12:00:00Z"));
+        assert_eq!(words(&report), "No alarm: none is raised; wear: collecting");
     }
 }
