@@ -18,7 +18,7 @@ pub enum MaintenanceKind {
     /// The machine runs at another speed or load from now on; handled like a replaced sensor.
     RegimeChanged,
     /// The teeth were inspected and their wear measured: the estimate continues from the depth in
-    /// [`MaintenanceEvent::inspection`].
+    /// [`MaintenanceEvent::inspection`]. Without effect while the first baseline of a gear pair is collected.
     Inspected,
     /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: the earlier state is
     /// discarded, and wear counts from zero there.
@@ -48,6 +48,11 @@ fn default_error_um() -> f64 {
 }
 
 impl Inspection {
+    /// Returns the index of the gear, 0 for the driving one; `None` for the more deeply worn one.
+    pub(super) fn gear_index(&self) -> Option<usize> {
+        self.gear.map(|gear| usize::from(gear.saturating_sub(1)))
+    }
+
     /// Returns the first number that is out of range: field, value, and what was expected.
     pub fn fault(&self) -> Option<(&'static str, String, &'static str)> {
         if !(0.0..=1e5).contains(&self.depth_um) {

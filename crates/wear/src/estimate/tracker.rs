@@ -17,7 +17,7 @@ pub use self::hindsight::HistoryStep;
 use self::tracking::Tracking;
 use super::depth_grid::DepthGrid;
 use super::discrepancy::Discrepancy;
-use super::event::{MaintenanceEvent, MaintenanceKind};
+use super::event::{Inspection, MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
 use super::transmission_error::TransmissionErrors;
@@ -115,14 +115,9 @@ impl Tracker {
     }
 
     fn update_state(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
+        self.end_chosen_baseline(state, at);
         match &mut state.0 {
             Stage::Collecting(collecting) => {
-                if collecting.ends_chosen_baseline(at)
-                    && let Some(tracking) = self.finish_chosen_baseline(collecting, at)
-                {
-                    state.0 = Stage::Tracking(Box::new(tracking));
-                    return self.update_state(state, at, features);
-                }
                 let (answer, tracking) = self.collect(collecting, at, features);
                 if let Some(tracking) = tracking {
                     state.0 = Stage::Tracking(Box::new(tracking));
@@ -133,24 +128,52 @@ impl Tracker {
         }
     }
 
-    /// Updates the state with a maintenance event. An inspection sets the wear depth. Any other event starts
-    /// a new baseline; wear continues from its present depth unless the gear was replaced or the baseline
-    /// was chosen.
+    /// Updates the state with a maintenance event. An inspection sets the wear depth, but not while the first
+    /// baseline of the gears is collected. Any other event starts a new baseline; wear continues from its
+    /// present depth unless the gear was replaced or the baseline was chosen.
     pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
-        let carried = match (&mut state.0, event.kind) {
-            (Stage::Tracking(tracking), MaintenanceKind::Inspected) => {
-                if let Some(inspection) = &event.inspection {
-                    self.inspect(tracking, inspection);
-                }
-                return;
+        if event.kind == MaintenanceKind::Inspected {
+            if let Some(inspection) = &event.inspection {
+                self.inspect(state, event.time, inspection);
             }
-            // No record has been compared with the library yet, so there is nothing to update.
-            (Stage::Collecting(_), MaintenanceKind::Inspected) => return,
+            return;
+        }
+        let carried = match (&mut state.0, event.kind) {
             (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => None,
             (Stage::Collecting(collecting), _) => collecting.take_carried(),
             (Stage::Tracking(tracking), _) => tracking.filter.take(),
         };
         state.0 = Stage::Collecting(Box::new(Collecting::after_event(carried, event.until)));
+    }
+
+    /// Updates the state with a depth that was measured on the teeth at `at`.
+    fn inspect(&self, state: &mut TrackerState, at: Timestamp, inspection: &Inspection) {
+        let Some(ensemble) = self.ensemble.as_deref() else {
+            return;
+        };
+        self.end_chosen_baseline(state, at);
+        match &mut state.0 {
+            Stage::Collecting(collecting) => {
+                // Wear counts from the first baseline of the gears, whatever their depth is then.
+                if let Some(filter) = collecting.take_carried() {
+                    collecting.carry(self.inspected(ensemble, Some(filter), inspection));
+                }
+            }
+            Stage::Tracking(tracking) => {
+                tracking.filter = Some(self.inspected(ensemble, tracking.filter.take(), inspection));
+                tracking.add_inspection(ensemble, inspection);
+            }
+        }
+    }
+
+    /// Starts tracking where a chosen baseline is over at this time.
+    fn end_chosen_baseline(&self, state: &mut TrackerState, at: Timestamp) {
+        if let Stage::Collecting(collecting) = &mut state.0
+            && collecting.ends_chosen_baseline(at)
+            && let Some(tracking) = self.finish_chosen_baseline(collecting, at)
+        {
+            state.0 = Stage::Tracking(Box::new(tracking));
+        }
     }
 
     /// Depths in µm that are tracked, more than are reported; none without a library.

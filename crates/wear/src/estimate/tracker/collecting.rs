@@ -76,6 +76,16 @@ impl Collecting {
         }
     }
 
+    /// Carries a filter over to the baseline.
+    pub(super) fn carry(&mut self, filter: Filter) {
+        self.carried = Some(Carried { filter });
+    }
+
+    /// The filter that is carried over to the baseline.
+    pub(super) fn carried(&self) -> Option<&Filter> {
+        self.carried.as_ref().map(|carried| &carried.filter)
+    }
+
     /// Number of records collected.
     pub(super) fn have(&self) -> u32 {
         self.records.len() as u32

@@ -201,3 +201,64 @@ fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
         steps.iter().filter(|step| matches!(step, HistoryStep::Record(..))).copied().collect();
     assert!(tracker.in_hindsight(&records).iter().all(Option::is_none));
 }
+
+/// Feeds hourly records with depths of `um`, and returns the last estimate.
+fn take(
+    tracker: &Tracker,
+    state: &mut TrackerState,
+    hours: std::ops::Range<u32>,
+    um: impl Fn(u32) -> f64,
+    rng: &mut ChaCha8Rng,
+) -> WearEstimate {
+    let library = synthetic_library();
+    let each = hours.map(|hour| tracker.update(state, hourly(hour), &seen(&library, um(hour), 0.05, rng)));
+    each.last().unwrap()
+}
+
+fn hourly(hour: u32) -> Timestamp {
+    Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(hour))
+}
+
+fn done(hour: u32, kind: MaintenanceKind, depth_um: Option<f64>) -> MaintenanceEvent {
+    let place = crate::library::FlankPlace::Greatest;
+    MaintenanceEvent {
+        time: hourly(hour),
+        kind,
+        by: String::new(),
+        comment: String::new(),
+        inspection: depth_um.map(|depth_um| Inspection { depth_um, error_um: 3.0, gear: None, place }),
+        until: None,
+    }
+}
+
+/// The teeth are measured while the machine stands for a new sensor.
+#[test]
+fn an_inspection_counts_before_and_after_a_replaced_sensor() {
+    let tracker = tracker(&Arc::new(synthetic_library()));
+    let (sensor, depth) = (MaintenanceKind::SensorReplaced, MaintenanceKind::Inspected);
+    for events in [[(depth, Some(100.0)), (sensor, None)], [(sensor, None), (depth, Some(100.0))]] {
+        let mut rng = ChaCha8Rng::seed_from_u64(31);
+        let mut state = tracker.start();
+        let stop = NEED + 60;
+        take(&tracker, &mut state, 0..stop, |hour| f64::from(hour.saturating_sub(NEED)), &mut rng);
+        for (kind, depth_um) in events {
+            tracker.event(&mut state, &done(stop, kind, depth_um));
+        }
+        let wear = take(&tracker, &mut state, stop..stop + NEED + 1, |_| 100.0, &mut rng);
+        assert!((wear.median_um.unwrap() - 100.0).abs() < 10.0, "{events:?}: {}", wear.reason);
+    }
+}
+
+#[test]
+fn an_inspection_before_the_first_record_after_a_chosen_baseline_counts() {
+    let tracker = tracker(&Arc::new(synthetic_library()));
+    let mut rng = ChaCha8Rng::seed_from_u64(37);
+    let mut state = tracker.start();
+    let chosen =
+        MaintenanceEvent { until: Some(hourly(12)), ..done(0, MaintenanceKind::BaselineChosen, None) };
+    tracker.event(&mut state, &chosen);
+    take(&tracker, &mut state, 0..12, |_| 0.0, &mut rng);
+    tracker.event(&mut state, &done(12, MaintenanceKind::Inspected, Some(20.0)));
+    let wear = take(&tracker, &mut state, 12..13, |_| 0.0, &mut rng);
+    assert!(wear.low_um.unwrap() > 5.0, "{}", wear.reason);
+}

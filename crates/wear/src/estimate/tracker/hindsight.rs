@@ -45,6 +45,7 @@ impl Tracker {
             match step {
                 HistoryStep::Event(event) => self.event(&mut state, event),
                 HistoryStep::Record(at, features) => {
+                    self.end_chosen_baseline(&mut state, *at);
                     if let Stage::Tracking(tracking) = &mut state.0 {
                         tracking.hindsight = period.map(|period| Arc::clone(&period.groups));
                     }
@@ -86,10 +87,11 @@ impl Tracker {
     }
 }
 
-/// Probability of each group of members; `None` while a baseline is collected.
+/// Probability of each group of members; `None` while the first baseline of the gears is collected.
 fn group_probabilities(state: &TrackerState) -> Option<Vec<f32>> {
-    match &state.0 {
-        Stage::Tracking(tracking) => Some(tracking.filter.as_ref()?.groups()),
-        Stage::Collecting(_) => None,
-    }
+    let filter = match &state.0 {
+        Stage::Tracking(tracking) => tracking.filter.as_ref(),
+        Stage::Collecting(collecting) => collecting.carried(),
+    };
+    Some(filter?.groups())
 }

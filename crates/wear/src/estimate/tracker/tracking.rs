@@ -88,6 +88,18 @@ impl Tracking {
         &self.baseline
     }
 
+    /// Takes an inspection of the teeth as the anchor, and as the end of a sudden change.
+    pub(super) fn add_inspection(&mut self, ensemble: &Ensemble, inspection: &Inspection) {
+        let Inspection { depth_um, place, .. } = *inspection;
+        self.anchor = Some(Anchor {
+            depths: Anchor::depths_at(ensemble, depth_um, inspection.gear_index(), place),
+            changes: self.motion.last().to_vec(),
+        });
+        self.disagreeing = 0;
+        self.clock.inspect();
+        self.sudden.restart();
+    }
+
     /// Judges a record by its deviations of lines and checks; `gain_sensitive` are the values that a gain
     /// multiplies.
     fn judge(
@@ -146,22 +158,20 @@ impl Tracker {
         }
     }
 
-    /// Updates the filter with a depth that was measured on the teeth.
-    pub(super) fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
-        let Some(ensemble) = self.ensemble.as_deref() else {
-            return;
-        };
-        let members = ensemble.members().len();
-        let filter = self.filter_for(tracking.filter.take(), members);
-        let filter = tracking.filter.insert(filter);
-        let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
-        let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
+    /// Returns a filter, or that of a new machine, after a depth was measured on the teeth.
+    pub(super) fn inspected(
+        &self,
+        ensemble: &Ensemble,
+        filter: Option<Filter>,
+        inspection: &Inspection,
+    ) -> Filter {
+        let mut filter = self.filter_for(filter, ensemble.members().len());
         let tracked = DepthGrid::of(ensemble.depths_um());
         let likelihood: Vec<f32> = ensemble
             .members()
             .iter()
             .flat_map(|member| {
-                let parts = at_place(member);
+                let parts = member.at_place(inspection.gear_index(), inspection.place);
                 let deviates = tracked.cells().zip(parts).map(|([low, high], part)| {
                     // The variance is the measurement's plus that of a uniform distribution over the cell.
                     let (middle, width) =
@@ -173,13 +183,7 @@ impl Tracker {
             })
             .collect();
         filter.inspect(&likelihood);
-        tracking.anchor = Some(Anchor {
-            depths: Anchor::depths_at(ensemble, inspection.depth_um, gear, inspection.place),
-            changes: tracking.motion.last().to_vec(),
-        });
-        tracking.disagreeing = 0;
-        tracking.clock.inspect();
-        tracking.sudden.restart();
+        filter
     }
 
     /// Compares one record with the library, updates the state and returns the answer.
