@@ -262,3 +262,15 @@ fn an_inspection_before_the_first_record_after_a_chosen_baseline_counts() {
     let wear = take(&tracker, &mut state, 12..13, |_| 0.0, &mut rng);
     assert!(wear.low_um.unwrap() > 5.0, "{}", wear.reason);
 }
+
+#[test]
+fn an_inspection_beyond_the_library_leads_to_its_end() {
+    let tracker = tracker(&Arc::new(synthetic_library()));
+    let mut rng = ChaCha8Rng::seed_from_u64(41);
+    let mut state = tracker.start();
+    let stop = NEED + 60;
+    take(&tracker, &mut state, 0..stop, |hour| f64::from(hour.saturating_sub(NEED)), &mut rng);
+    tracker.event(&mut state, &done(stop, MaintenanceKind::Inspected, Some(400.0)));
+    let wear = take(&tracker, &mut state, stop..stop + 1, |_| 60.0, &mut rng);
+    assert!(wear.at_least_um.is_some_and(|least_um| least_um > 200.0), "{}", wear.reason);
+}

@@ -28,7 +28,7 @@ use crate::estimate::novelty::{Novelty, RecordContext, SensorFault, judge};
 use crate::estimate::prognosis::prognosis;
 use crate::estimate::sudden_change::SuddenChange;
 use crate::estimate::wear::{WearEstimate, WearStatus};
-use crate::library::{DEPTHS, Ensemble};
+use crate::library::{DEPTHS, Ensemble, Member};
 use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison needs.
@@ -167,17 +167,26 @@ impl Tracker {
     ) -> Filter {
         let mut filter = self.filter_for(filter, ensemble.members().len());
         let tracked = DepthGrid::of(ensemble.depths_um());
+        let at_place = |member: &Member| member.at_place(inspection.gear_index(), inspection.place);
+        let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
+        // Beyond the tracked depths no member is likelier than another: the deepest are the nearest.
+        let deepest = |member: &Member| {
+            let depths_um = tracked.cells().zip(at_place(member));
+            depths_um.map(|(cell, part)| middle(cell) * f64::from(part)).fold(0.0, f64::max)
+        };
+        let deepest_um = ensemble.members().iter().map(deepest).fold(0.0, f64::max);
+        let depth_um = inspection.depth_um.min(deepest_um);
         let likelihood: Vec<f32> = ensemble
             .members()
             .iter()
             .flat_map(|member| {
-                let parts = member.at_place(inspection.gear_index(), inspection.place);
+                let parts = at_place(member);
                 let deviates = tracked.cells().zip(parts).map(|([low, high], part)| {
                     // The variance is the measurement's plus that of a uniform distribution over the cell.
                     let (middle, width) =
-                        (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
+                        (middle([low, high]) * f64::from(part), (high - low) * f64::from(part));
                     let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
-                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
+                    (-0.5 * (depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
                 });
                 deviates.collect::<Vec<_>>()
             })
