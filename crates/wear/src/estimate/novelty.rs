@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use self::signs::TEETH;
 pub use self::signs::{MachineSign, SensorFault};
-use super::cusum::Cusums;
+use super::cusum::{ALLOWANCE, Cusums};
 use super::deviation::{Deviation, chi_square_score, normal_tail};
 use flankwatch_signal::{EnvelopeLine, Features, NotComputed};
 
@@ -170,7 +170,9 @@ pub(super) fn judge(
         let followed = checks.iter().filter(|d| CUSUM_CHECKS.iter().any(|kind| d.name.starts_with(kind)));
         let followed =
             followed.map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CUSUM_SCATTER));
-        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
+        // A record without lines says nothing about how they fit: their sum stays as it is.
+        let fit = |z: f64| if z.is_finite() { z - allowance } else { ALLOWANCE };
+        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(fit));
         cusums.update(followed.chain(whole));
     }
     let lasting = cusums.highest().filter(|_| sensor_fault.is_none());
@@ -369,6 +371,23 @@ mod tests {
         assert_eq!((poor[7].lasting.as_deref(), poor[7].machine_sign), (Some("lines"), None));
         let good: Vec<Novelty> = (0..20).map(|_| take(0.04)).collect();
         assert!(!good[19].outside);
+    }
+
+    /// The machine stands still in every other record, which has no lines.
+    #[test]
+    fn a_poor_fit_lasts_over_records_without_lines() {
+        let mut cusums = Cusums::default();
+        let mut take = |lines: &[f64]| {
+            judge(
+                &Features::default(),
+                &[deviations("ln_mesh", lines), deviations("ln_floor", &[0.01; 4])],
+                20.0,
+                RecordContext::default(),
+                &mut cusums,
+            )
+        };
+        let poor: Vec<Novelty> = (0..16).map(|n| take(if n % 2 == 0 { &[0.125; 8] } else { &[] })).collect();
+        assert!(!poor[0].outside && poor[14].outside, "{} {}", poor[0].score, poor[14].score);
     }
 
     #[test]
