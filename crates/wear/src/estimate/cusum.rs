@@ -35,6 +35,17 @@ impl Cusums {
         }
     }
 
+    /// Continues the sum of another check as that of this one, unless this one has a sum.
+    pub(super) fn continue_as(&mut self, name: &str, is_other: impl Fn(&str) -> bool) {
+        if self.sums.contains_key(name) {
+            return;
+        }
+        let other = self.sums.keys().find(|other| is_other(other)).cloned();
+        if let Some(sum) = other.and_then(|other| self.sums.remove(&other)) {
+            self.sums.insert(name, sum);
+        }
+    }
+
     /// Returns the check with the highest sum, and the probability of such a sum on a healthy channel.
     ///
     /// In the steady state, a sum over independent normal deviates has the tail e^(−2k(S + 0.583)).

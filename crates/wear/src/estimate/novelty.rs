@@ -167,6 +167,12 @@ pub(super) fn judge(
     };
     // A record with a sensor fault carries no information about the machine.
     if sensor_fault.is_none() {
+        // Records of another length are averaged over other numbers of turns.
+        for check in checks {
+            if let Some(kind) = averaged_kind(&check.name) {
+                cusums.continue_as(&check.name, |other| averaged_kind(other) == Some(kind));
+            }
+        }
         let followed = checks.iter().filter(|d| CUSUM_CHECKS.iter().any(|kind| d.name.starts_with(kind)));
         let followed =
             followed.map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CUSUM_SCATTER));
@@ -250,6 +256,12 @@ fn also(
         }
     }
     signs.into_iter().skip(1).collect()
+}
+
+/// Returns the name of a check of the teeth without its number of turns.
+fn averaged_kind(check: &str) -> Option<&str> {
+    let (kind, turns) = check.rsplit_once('_').filter(|_| check.starts_with(TEETH))?;
+    turns.parse::<u32>().ok().map(|_| kind)
 }
 
 /// Returns the edges in hertz of the octave that a check covers.
@@ -371,6 +383,24 @@ mod tests {
         assert_eq!((poor[7].lasting.as_deref(), poor[7].machine_sign), (Some("lines"), None));
         let good: Vec<Novelty> = (0..20).map(|_| take(0.04)).collect();
         assert!(!good[19].outside);
+    }
+
+    /// Later records are shorter, and fill fewer turns.
+    #[test]
+    fn a_tooth_check_over_other_turns_continues_and_does_not_last_forever() {
+        let mut cusums = Cusums::default();
+        let mut take = |turns: u32, residual: f64| {
+            let tooth =
+                Deviation { name: format!("ln_tooth_worst_{turns}").into(), residual, deviation: 0.05 };
+            let mut checks = deviations("ln_floor", &[0.01; 4]);
+            checks.push(tooth);
+            let lines = deviations("ln_mesh", &[0.01; 8]);
+            judge(&Features::default(), &[lines, checks], 20.0, RecordContext::default(), &mut cusums)
+        };
+        assert!((0..6).map(|_| take(128, 0.15)).last().unwrap().outside);
+        let shorter = take(32, 0.15);
+        assert_eq!(shorter.lasting.as_deref(), Some("ln_tooth_worst_32"));
+        assert!(!(0..20).map(|_| take(32, 0.0)).last().unwrap().outside);
     }
 
     /// The machine stands still in every other record, which has no lines.
