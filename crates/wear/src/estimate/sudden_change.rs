@@ -28,9 +28,9 @@ const NEGLIGIBLE: f64 = 1e-5;
 /// The level of the lines, and the depths before it last changed suddenly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct SuddenChange {
-    /// By line, its change since the baseline: a moving mean, or the mean since a sudden change. Empty if the
-    /// next record sets it.
-    level: Vec<f32>,
+    /// By line, its change since the baseline: a moving mean, or the mean since a sudden change; `None` for
+    /// lines not seen since then. Empty if the next record sets it.
+    level: Vec<Option<f32>>,
     /// Number of records in a row that differ from the level.
     differing: u8,
     /// Number of records in the mean since a sudden change; `None` without one.
@@ -41,7 +41,7 @@ pub(super) struct SuddenChange {
 
 impl Default for SuddenChange {
     fn default() -> Self {
-        Self { level: vec![0.0; MESH_LINES], differing: 0, records_after: None, before: Vec::new() }
+        Self { level: vec![Some(0.0); MESH_LINES], differing: 0, records_after: None, before: Vec::new() }
     }
 }
 
@@ -82,7 +82,7 @@ impl SuddenChange {
             }
         };
         for line in &record.lines {
-            let level = &mut self.level[line.index];
+            let level = self.level[line.index].get_or_insert(line.change as f32);
             *level += (part * (line.change - f64::from(*level))) as f32;
         }
     }
@@ -93,17 +93,18 @@ impl SuddenChange {
     }
 
     fn set_level(&mut self, record: &MeasuredLines) {
-        self.level = vec![0.0; MESH_LINES];
-        record.lines.iter().for_each(|line| self.level[line.index] = line.change as f32);
+        self.level = vec![None; MESH_LINES];
+        record.lines.iter().for_each(|line| self.level[line.index] = Some(line.change as f32));
     }
 
     /// Root mean square of the lines' distances from the level, in standard deviations.
     fn distance(&self, record: &MeasuredLines) -> f64 {
-        let squares = record.lines.iter().map(|line| {
-            let difference = line.change - f64::from(self.level[line.index]);
-            difference * difference / line.variance
+        let squares = record.lines.iter().filter_map(|line| {
+            let difference = line.change - f64::from(self.level[line.index]?);
+            Some(difference * difference / line.variance)
         });
-        (squares.sum::<f64>() / record.lines.len().max(1) as f64).sqrt()
+        let (count, sum) = squares.fold((0, 0.0), |(count, sum), square| (count + 1, sum + square));
+        (sum / f64::from(count.max(1))).sqrt()
     }
 }
 
@@ -160,6 +161,20 @@ mod tests {
     fn after_a_restart_the_next_record_is_the_level() {
         let mut sudden = watched(vec![0.0; 10]);
         sudden.restart();
+        for _ in 0..10 {
+            sudden.add(&record(0.5), &[1.0]);
+        }
+        assert_eq!(sudden.before(), None);
+    }
+
+    /// The first record after a restart is sampled too slowly for one of the lines.
+    #[test]
+    fn a_line_that_was_not_seen_has_no_level() {
+        let mut sudden = watched(vec![0.0; 10]);
+        sudden.restart();
+        let mut slow = record(0.5);
+        slow.lines.pop();
+        sudden.add(&slow, &[1.0]);
         for _ in 0..10 {
             sudden.add(&record(0.5), &[1.0]);
         }
