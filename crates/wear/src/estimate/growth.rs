@@ -1,8 +1,8 @@
 //! Growth of wear: it never decreases, and its rate is part of the filter's state.
 //!
 //! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of
-//! growth is the load and the turns between two records of the baseline, or a part of the machine's age
-//! (`growth_clock.rs`); the rate in µm per unit represents the coefficient.
+//! growth is the time between two records of the baseline, or a part of the machine's age, at the described
+//! load (`growth_clock.rs`); the rate in µm per unit represents the coefficient.
 
 use crate::library::{DEPTHS, REPORTED, end_um};
 

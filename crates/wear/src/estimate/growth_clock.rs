@@ -60,7 +60,7 @@ impl GrowthClock {
         }
     }
 
-    /// Returns what passes up to a record at this time, under a mean load relative to that of the baseline.
+    /// Returns what passes up to a record at this time, under a load relative to the described one.
     ///
     /// Where wear is deeper than expected and the lines move, the machine is as young as at its baseline.
     pub(super) fn advance(&mut self, at: Timestamp, load: f64, signs: Signs) -> Elapsed {
@@ -90,7 +90,7 @@ impl GrowthClock {
         self.age *= AFTER_INSPECTION;
     }
 
-    /// Length of a unit of growth in seconds.
+    /// Length of a unit of growth in seconds, under the described load.
     pub(super) fn unit_s(&self) -> f64 {
         self.interval_s * unit_length(self.age)
     }

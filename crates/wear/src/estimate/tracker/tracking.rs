@@ -291,7 +291,8 @@ impl Tracker {
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
-            let unit_s = tracking.clock.unit_s();
+            // A unit is a time at the described torque; at twice that torque it passes in half the time.
+            let unit_s = tracking.clock.unit_s() / healthy.lines.mean_load();
             answer.prognosis = prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, unit_s);
             answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
         }
