@@ -1,5 +1,6 @@
 //! Estimates of runs with known true wear, recorded or simulated, and their scores.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
@@ -125,9 +126,10 @@ pub fn look_back(
         Some(Arc::clone(ensemble)),
     );
     let at = |record: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
-    let half = run.records.len() / 2;
-    let event = inspected(at(half), run.records.get(half)?.wear_um, error_um);
-    let before = || run.records[..half].iter().enumerate();
+    let (half, gap) = half_and_gap(run, options);
+    let (inspection, observation) = without(run, &gap).find(|(record, _)| *record >= half)?;
+    let event = inspected(at(inspection), observation.wear_um, error_um);
+    let before = || without(run, &gap).take_while(|(record, _)| *record < inspection);
     let mut steps: Vec<HistoryStep<'_>> = before()
         .map(|(record, observation)| HistoryStep::Record(at(record), &observation.features))
         .collect();
@@ -219,11 +221,10 @@ fn estimates(
     let settings = EstimatorSettings { baseline_records: baseline, limit_um: None };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
-    let half = run.records.len() / 2;
-    let gap = half - options.gap.min(half) / 2..half + options.gap.div_ceil(2);
+    let (half, gap) = half_and_gap(run, options);
     let mut estimates = Vec::with_capacity(run.records.len());
     let mut inspection = options.inspection_um;
-    for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
+    for (record, observation) in without(run, &gap) {
         let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
         if record >= half
             && let Some(error_um) = inspection.take()
@@ -234,6 +235,20 @@ fn estimates(
         estimates.push(Estimate { record, truth_um: observation.wear_um, wear });
     }
     estimates
+}
+
+/// Returns the record half-way through a run, and the records around it that are dropped.
+fn half_and_gap(run: &RecordedRun, options: RunOptions) -> (usize, Range<usize>) {
+    let half = run.records.len() / 2;
+    (half, half - options.gap.min(half) / 2..half + options.gap.div_ceil(2))
+}
+
+/// Returns the records of a run outside a gap.
+fn without<'a>(
+    run: &'a RecordedRun,
+    gap: &'a Range<usize>,
+) -> impl Iterator<Item = (usize, &'a Observation)> {
+    run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record))
 }
 
 /// Scores the answers of a run after its baseline.
