@@ -114,6 +114,11 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             args.runs, args.records, args.states
         )));
     }
+    if let Some(error_um) = args.inspection_um.filter(|error_um| !(*error_um > 0.0 && *error_um <= 1e4)) {
+        return Err(CliError::Argument(format!(
+            "--inspection-um is {error_um}, expected a standard error above 0 and up to 10000 µm"
+        )));
+    }
     let pair = pair_file::read(args.pair.as_deref())?;
     let ensembles = Ensembles::new(&args.data_dir, args.members);
     let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um };

@@ -1,6 +1,7 @@
 //! Scores of the estimator, or of another estimator's answers, on recorded runs with known wear.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -47,8 +48,12 @@ pub(super) fn run(
     answers: Option<&Path>,
     json: bool,
 ) -> Result<(), CliError> {
-    let machines: Vec<Vec<RecordedRun>> =
-        folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
+    let names = names_of(folders);
+    let machines: Vec<Vec<RecordedRun>> = folders
+        .iter()
+        .zip(&names)
+        .map(|(folder, name)| read(folder, name, pair))
+        .collect::<Result<_, _>>()?;
     let runs: Vec<&RecordedRun> = machines.iter().flatten().collect();
     let imported: Option<Answers> = answers.map(read_answers).transpose()?;
     let mut estimated: Vec<EstimatedRun> = Vec::new();
@@ -61,7 +66,7 @@ pub(super) fn run(
         }
         None => {
             let ensemble = ensemble()?;
-            let machine = |(channels, folder): (&Vec<RecordedRun>, &PathBuf)| {
+            let machine = |(channels, name): (&Vec<RecordedRun>, &String)| {
                 let (of_channels, together) = follow_together(channels, &ensemble, BASELINE, trial);
                 let mut estimated: Vec<EstimatedRun> = channels
                     .iter()
@@ -73,12 +78,12 @@ pub(super) fn run(
                     })
                     .collect();
                 if channels.len() > 1 {
-                    let name = format!("{}, together", folder_name(folder));
+                    let name = format!("{name}, together");
                     estimated.push(EstimatedRun { name, answers: together, in_hindsight: None });
                 }
                 estimated
             };
-            estimated = machines.par_iter().zip(folders).flat_map_iter(machine).collect();
+            estimated = machines.par_iter().zip(&names).flat_map_iter(machine).collect();
         }
     }
     let score = |EstimatedRun { name, answers, in_hindsight }: &EstimatedRun| {
@@ -211,14 +216,19 @@ fn row(score: &RunScore) -> String {
     )
 }
 
-fn folder_name(folder: &Path) -> String {
-    folder
-        .file_name()
-        .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned())
+/// Returns the names of the folders; those that several share are replaced by their paths.
+fn names_of(folders: &[PathBuf]) -> Vec<String> {
+    let is_shared =
+        |name: &OsStr| folders.iter().filter(|folder| folder.file_name() == Some(name)).count() > 1;
+    let name = |folder: &PathBuf| match folder.file_name() {
+        Some(name) if !is_shared(name) => name.to_string_lossy().into_owned(),
+        _ => folder.display().to_string(),
+    };
+    folders.iter().map(name).collect()
 }
 
 /// Reads a folder's records, in order of file names, with their true wear; returns a run for each channel.
-fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
+fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|error| failed(error.to_string()))?
@@ -233,6 +243,10 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
         .map(|row| row.map(|Truth { wear_um }| wear_um))
         .collect::<Result<_, _>>()
         .map_err(|error| failed(format!("truth.csv: {error}, expected a column wear_um")))?;
+    if let Some(row) = truth.iter().position(|um| !(*um >= 0.0 && um.is_finite())) {
+        let (line, um) = (row + 1, truth[row]);
+        return Err(failed(format!("truth.csv: wear_um of row {line} is {um}, expected a depth from 0 µm")));
+    }
     if files.len() != truth.len() {
         return Err(failed(format!(
             "{} WAV files and {} rows in truth.csv, expected equal numbers",
@@ -252,14 +266,14 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
     let mut channels = vec![Vec::with_capacity(records.len()); count];
     for (path, record) in files.iter().zip(records) {
         if record.len() != count {
-            let (name, has) = (path.display(), record.len());
-            return Err(failed(format!("{name} has {has} channels, expected {count} as in the first file")));
+            let (file, has) = (path.display(), record.len());
+            return Err(failed(format!("{file} has {has} channels, expected {count} as in the first file")));
         }
         channels.iter_mut().zip(record).for_each(|(channel, observation)| channel.push(observation));
     }
     let name = |channel: usize| match count {
-        1 => folder_name(folder),
-        _ => format!("{}, channel {}", folder_name(folder), channel + 1),
+        1 => name.to_owned(),
+        _ => format!("{name}, channel {}", channel + 1),
     };
     let channels = channels.into_iter().enumerate();
     Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
@@ -311,6 +325,15 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
         let expected = run.records.len();
         CliError::Argument(format!("--answers has no list of {expected} answers for the run {:?}", run.name))
     })?;
+    let is_out_of_order = |[median, low, high]: [f64; 3]| !(low <= median && median <= high);
+    if let Some(record) = answers.iter().position(|answer| answer.is_some_and(is_out_of_order)) {
+        return Err(CliError::Argument(format!(
+            "--answers has {:?} for record {} of the run {:?}, expected the median within its interval",
+            answers[record].unwrap_or_default(),
+            record + 1,
+            run.name
+        )));
+    }
     let answer = |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| Answer {
         record,
         truth_um: observation.wear_um,
@@ -321,4 +344,38 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
         reason: String::new(),
     };
     Ok(answers.iter().zip(&run.records).enumerate().map(answer).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_with_the_same_name_are_told_apart_by_their_paths() {
+        let folders = ["threshold/1101", "loaded/1101", "healthy/1104"].map(PathBuf::from);
+        assert_eq!(names_of(&folders), ["threshold/1101", "loaded/1101", "1104"]);
+        assert_eq!(names_of(&[PathBuf::from(".")]), ["."]);
+    }
+
+    #[test]
+    fn a_true_depth_that_is_no_number_is_rejected_with_its_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let pair = crate::cli::pair_file::read(None).unwrap();
+        for wrong in ["NaN", "inf", "-1"] {
+            std::fs::write(folder.path().join("truth.csv"), format!("wear_um\n0\n{wrong}\n")).unwrap();
+            let error = read(folder.path(), "run", &pair).unwrap_err().to_string();
+            assert!(error.contains(&format!("wear_um of row 2 is {wrong}")), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_interval_without_its_median_is_rejected() {
+        let observation =
+            Observation { wear_um: 1.0, features: crate::signal::Features::default(), single: [0.0; 3] };
+        let run = RecordedRun { name: "a".to_owned(), records: vec![observation; 2] };
+        let imported = |second: [f64; 3]| Answers::from([("a".to_owned(), vec![None, Some(second)])]);
+        assert!(imported_answers(&run, &imported([5.0, 1.0, 9.0])).is_ok());
+        let error = imported_answers(&run, &imported([1.0, 5.0, 9.0])).unwrap_err().to_string();
+        assert!(error.contains("[1.0, 5.0, 9.0] for record 2 of the run \"a\""), "{error}");
+    }
 }
