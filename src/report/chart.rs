@@ -29,6 +29,12 @@ const BOTTOM: f64 = 46.0;
 /// Half the width of the longest time label.
 const LABEL_HALF: f64 = 36.0;
 
+/// Half the width of the band of a record between gaps.
+const LONE_HALF: f64 = 2.0;
+
+/// The time shown before and after a single record, in seconds.
+const LONE_ROOM_S: f64 = 300.0;
+
 /// The scale of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum XAxis {
@@ -70,8 +76,8 @@ pub(super) struct Chart {
     pub(super) x_title: String,
     pub(super) y_title: String,
     pub(super) series: Vec<Series>,
-    /// Each x with the lower and the upper edge.
-    pub(super) band: Vec<(f64, f64, f64)>,
+    /// Each x with the lower and the upper edge, with gaps for missing ones.
+    pub(super) band: Vec<(f64, Option<[f64; 2]>)>,
     pub(super) levels: Vec<Level>,
     /// Drawn if they are within the range of the curves.
     pub(super) marks: Vec<Mark>,
@@ -117,10 +123,14 @@ impl Chart {
             escape(label)
         );
         self.axes(&frame, &mut svg);
-        if !self.band.is_empty() {
-            let upper = self.band.iter().map(|(x, _, high)| (*x, *high));
-            let lower = self.band.iter().rev().map(|(x, low, _)| (*x, *low));
-            let outline: String = upper.chain(lower).map(|(x, y)| point(&frame, x, y)).collect();
+        for stretch in self.band.split(|(_, edges)| edges.is_none()).filter(|stretch| !stretch.is_empty()) {
+            // The polygon of a lone record has no area without its half width.
+            let half = if stretch.len() == 1 { LONE_HALF } else { 0.0 };
+            let edges = stretch.iter().filter_map(|(x, edges)| Some((frame.x_px(*x), (*edges)?)));
+            let upper = edges.clone().flat_map(|(x, [_, high])| [(x - half, high), (x + half, high)]);
+            let lower = edges.rev().flat_map(|(x, [low, _])| [(x + half, low), (x - half, low)]);
+            let outline = upper.chain(lower).map(|(x, y)| format!("{x:.1},{:.1} ", frame.y_px(y)));
+            let outline: String = outline.collect();
             let _ = write!(svg, "<polygon class=\"band\" points=\"{}\"/>", outline.trim_end());
         }
         for level in &self.levels {
@@ -150,8 +160,11 @@ impl Chart {
             for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
                 let reduced = downsample(stretch, &frame);
                 let points: String = reduced.iter().map(|(x, y)| point(&frame, *x, *y)).collect();
-                let _ =
-                    write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
+                // A line from a lone point to itself is drawn as a dot.
+                let (lone, points) =
+                    if reduced.len() == 1 { (" lone", points.repeat(2)) } else { ("", points) };
+                let points = points.trim_end();
+                let _ = write!(svg, "<polyline class=\"{}{lone}\" points=\"{points}\"/>", series.class);
             }
         }
         svg + "</svg>"
@@ -159,7 +172,8 @@ impl Chart {
 
     /// Renders the legend of curves, band and marks, to be placed below the chart.
     pub(super) fn legend(&self, band: Option<&str>) -> String {
-        let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
+        let band =
+            band.filter(|_| self.band.iter().any(|(_, edges)| edges.is_some())).map(|name| ("band", name));
         let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
         let mut entries: String = names.map(|(class, name)| entry(class, name)).collect();
         for (class, words) in
@@ -173,18 +187,23 @@ impl Chart {
     }
 
     fn frame(&self, size: Size) -> Frame {
-        let xs = || self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
+        let xs = self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
         let ys = self.series.iter().flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
         let ys = ys
-            .chain(self.band.iter().flat_map(|(_, low, high)| [*low, *high]))
+            .chain(self.band.iter().filter_map(|(_, edges)| *edges).flatten())
             .chain(self.levels.iter().map(|level| level.y));
-        let [mut low, high] = extent(ys);
+        let half = |y: f64| if y == 0.0 { 0.5 } else { 0.5 * y.abs() };
+        let [mut low, high] = extent(ys, half);
         if self.from_zero {
             low = low.min(0.0);
         }
         let margin = 0.06 * (high - low);
         let below = if self.from_zero && low == 0.0 { 0.0 } else { margin };
-        Frame { size, x: extent(xs()), y: [low - below, high + margin] }
+        let x = match self.horizontal {
+            XAxis::Time => extent(xs, |_| LONE_ROOM_S),
+            XAxis::Number => extent(xs, half),
+        };
+        Frame { size, x, y: [low - below, high + margin] }
     }
 
     fn axes(&self, frame: &Frame, svg: &mut String) {
@@ -246,15 +265,15 @@ fn point(frame: &Frame, x: f64, y: f64) -> String {
     format!("{:.1},{:.1} ", frame.x_px(x), frame.y_px(y))
 }
 
-/// The minimum and the maximum, extended to a non-empty range.
-fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
+/// The minimum and the maximum; around a single value, `room` to both sides.
+fn extent(values: impl Iterator<Item = f64>, room: impl Fn(f64) -> f64) -> [f64; 2] {
     let [low, high] = values
         .filter(|value| value.is_finite())
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
     if low > high {
         [0.0, 1.0]
     } else if low == high {
-        [low - 0.5 * low.abs().max(1.0), high + 0.5 * high.abs().max(1.0)]
+        [low - room(low), high + room(high)]
     } else {
         [low, high]
     }
@@ -303,6 +322,34 @@ mod tests {
             chart(vec![(0.0, Some(1.0)), (1.0, Some(2.0)), (2.0, None), (3.0, Some(1.0)), (4.0, Some(0.5))])
                 .svg("words");
         assert_eq!(svg.matches("<polyline").count(), 2 * 2, "in the wide and in the narrow drawing");
+    }
+
+    #[test]
+    fn a_lone_record_is_drawn_around_its_time() {
+        let start = 1_772_352_000.0;
+        let mut lone = chart(vec![(start, Some(0.0007))]);
+        (lone.horizontal, lone.from_zero) = (XAxis::Time, false);
+        lone.band = vec![(start, Some([0.0006, 0.0008]))];
+        let svg = lone.drawn(WIDE, "words");
+        assert!(svg.contains("03-01 08:00"), "{svg}");
+        assert!(svg.contains("<polyline class=\"one lone\" points=\"406.0,"), "{svg}");
+        assert!(svg.contains("<polygon class=\"band\" points=\"404.0,"), "{svg}");
+        let frame = lone.frame(WIDE);
+        assert_eq!(frame.x, [start - 300.0, start + 300.0]);
+        lone.band.clear();
+        let [low, high] = lone.frame(WIDE).y;
+        assert!(0.0 < low && high < 0.002, "{low} to {high}");
+    }
+
+    #[test]
+    fn a_gap_breaks_the_band() {
+        let mut chart = chart((0..5).map(|n| (f64::from(n), Some(1.0))).collect());
+        chart.band = [true, true, false, true, true]
+            .iter()
+            .zip(0..)
+            .map(|(is, n)| (f64::from(n), is.then_some([0.5, 1.5])))
+            .collect();
+        assert_eq!(chart.drawn(WIDE, "words").matches("<polygon").count(), 2);
     }
 
     #[test]

@@ -139,9 +139,9 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
     if median.iter().all(|(_, um)| um.is_none()) {
         return;
     }
-    let edges = records.iter().filter_map(|record| {
-        let wear = record.wear.as_ref()?;
-        Some((seconds(record), wear.low_um?, wear.high_um?))
+    let edges = records.iter().map(|record| {
+        let edges = record.wear.as_ref().and_then(|wear| Some([wear.low_um?, wear.high_um?]));
+        (seconds(record), edges)
     });
     let mut series = vec![Series { name: "median".to_owned(), points: median, class: "one" }];
     let reference = of(|record| record.reference_wear_um);
