@@ -11,7 +11,9 @@ use super::problem::Problem;
 use super::request::query::{AssetInPath, Parameters};
 use super::spectra::waterfall::evenly;
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
-use crate::report::{Contents, Cover, Form, INDICATORS, Report, ReportedAlarm, ReportedRecord};
+use crate::report::{
+    Contents, Cover, Form, INDICATORS, Report, ReportedAlarm, ReportedRecord, reading_words,
+};
 use crate::store::AlarmFilter;
 
 /// Maximum number of records drawn; of longer histories an even selection.
@@ -209,7 +211,7 @@ fn facts(spec: &AssetSpec) -> Vec<(String, String)> {
     }
     if let Some(speed_hz) = spec.nominal_speed_hz() {
         let of = if spec.gear.is_some() { "the driving shaft" } else { "the shaft" };
-        facts.push((format!("Nominal speed of {of}"), format!("{speed_hz} Hz")));
+        facts.push((format!("Nominal speed of {of}"), format!("{} Hz", reading_words(speed_hz))));
     }
     if let Some(pair) = spec.pair() {
         facts.push(("Gear pair".to_owned(), pair.name.clone()));

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::chart::{Chart, Level, Series, XAxis};
 use super::wording::{INDICATORS, MINUTES, escape};
-use super::{Report, ReportedRecord, angle_words, cover, events, verdict};
+use super::{Report, ReportedRecord, angle_words, cover, events, reading_words, verdict};
 use crate::estimate::{Interval, Prognosis, WearEstimate, WearStatus};
 
 /// Those of the indicators that are dimensionless.
@@ -273,7 +273,7 @@ fn first_part(reason: &str) -> &str {
 }
 
 fn row(record: &ReportedRecord) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), reading_words);
     let wear = record.wear.as_ref().and_then(depth_words).map_or_else(
         || format!("<td class=\"words\">{}</td>", escape(first_part(&record.wear_words))),
         |depths| format!("<td>{depths}</td>"),
@@ -368,6 +368,14 @@ pub(super) mod tests {
         moving.indicators.values.insert("velocity_rms".to_owned(), 2.5);
         let page = html(&Report { records: vec![moving], ..Report::default() });
         assert!(page.contains("Velocity RMS (mm/s)"), "{page}");
+    }
+
+    #[test]
+    fn small_and_large_levels_have_four_digits() {
+        let mut small = record(estimated([1.0, 2.0, 3.0]));
+        small.indicators.values.extend([("rms".to_owned(), 2.345e-5), ("omx".to_owned(), 123_456.7)]);
+        let page = html(&Report { records: vec![small], ..Report::default() });
+        assert!(page.contains("<td>0.00002345</td>") && page.contains("<td>123457</td>"), "{page}");
     }
 
     #[test]
