@@ -128,15 +128,23 @@ export const CHECKS = {
   },
 
   "assets are grouped by the location in their name": async (name) => {
-    const opened = await fleet({}, (n) => `Plant ${"AB"[n % 2]} / line ${n % 3} / gearbox ${n}`);
+    const opened = await fleet({}, (n) =>
+      n % 50 ? `Plant ${"AB"[n % 2]} / line ${n % 3} / gearbox ${n}` : `Gearbox ${n}`,
+    );
     const { page } = opened;
-    assert.equal(await total(page), COUNT + 6, "a heading for each place");
+    assert.equal(await total(page), COUNT + 7, "a heading for each place, and for those without");
     await page.locator("th button").first().click();
     const button = page.getByRole("button", { name: "Plant A / line 0" });
     await button.click();
     await page.waitForFunction(() => location.hash.includes("closed="));
     assert.equal(await button.getAttribute("aria-expanded"), "false");
     assert.ok((await total(page)) < COUNT);
+    const nowhere = page.getByRole("button", { name: "No location" });
+    for (const is of ["false", "true", "false"]) {
+      await nowhere.click();
+      assert.equal(await nowhere.getAttribute("aria-expanded"), is);
+    }
+    assert.equal(await button.getAttribute("aria-expanded"), "false", "both stay closed");
     await page.getByLabel("Group by location").uncheck();
     await page.waitForFunction(() => location.hash.includes("flat=1"));
     assert.equal(await page.locator("tbody .group").count(), 0);

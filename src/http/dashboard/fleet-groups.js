@@ -7,6 +7,8 @@ import { change } from "./route.js";
 import { assetState, rank, STATES } from "./state.js";
 import { symbol } from "./symbols.js";
 
+const NOWHERE = "/"; // the unknown place in an address; an encoded name has no slash
+
 /** The place of an asset; empty when unknown. */
 export function placeOf(asset) {
   const { site, machine, gearbox } = asset.location ?? {};
@@ -25,7 +27,10 @@ export function placeOf(asset) {
  * list of closed places in the address.
  */
 export function grouped(assets, closedText) {
-  const closed = (closedText ?? "").split(",").filter(Boolean).map(decodeURIComponent);
+  const closed = (closedText ?? "")
+    .split(",")
+    .filter(Boolean)
+    .map((text) => (text === NOWHERE ? "" : decodeURIComponent(text)));
   const places = Map.groupBy(assets, placeOf);
   // in the order of their first assets, so that sorting by state puts the worst places on top
   return [...places].flatMap(([place, members]) => {
@@ -62,7 +67,7 @@ export class GroupRow {
   #toggle() {
     const { place, closed } = this.#group;
     const rest = closed.includes(place) ? closed.filter((other) => other !== place) : [...closed, place];
-    change({ closed: rest.map(encodeURIComponent).join(",") || null });
+    change({ closed: rest.map((name) => encodeURIComponent(name) || NOWHERE).join(",") || null });
   }
 
   /** Shows a group of `grouped`. */
