@@ -527,6 +527,29 @@ export const CHECKS = {
     await end(other);
   },
 
+  "a start to the microsecond is shown, kept, and undone": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const time = (n) => `2026-03-01T08:00:01.${String(123_456 + 250 * n).padStart(6, "0")}Z`;
+    const rows = Array.from({ length: 2000 }, (_, n) => `${time(n)},${Math.sin(0.4 * n)}`);
+    await page.setInputFiles("#upload-file", [table("fine.csv", ["time,a1", ...rows].join("\n"))]);
+    await card(page, "fine.csv").getByText("from its time column").waitFor();
+    const start = page.getByLabel("Start of fine.csv, UTC");
+    assert.equal(await start.inputValue(), "2026-03-01T08:00:01.123");
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 1 record" }).waitFor();
+    const [stored] = (await json(`assets/${id}/segments`)).items;
+    assert.equal(stored.start_time, time(0));
+    // another column of times has another start
+    const relative = ["time,s,a1", ...rows.map((row, n) => row.replace(",", `,${n / 4000},`))].join("\n");
+    await page.setInputFiles("#upload-file", [table("2026-03-02.csv", relative)]);
+    await page.getByLabel("Column time of 2026-03-02.csv").selectOption("left_out");
+    await page.getByLabel("Column s of 2026-03-02.csv").selectOption("time");
+    await card(page, "2026-03-02").getByText("from the file name, read as UTC").waitFor();
+    assert.equal(await page.getByLabel("Start of 2026-03-02.csv, UTC").inputValue(), "2026-03-02T00:00");
+    await end(opened);
+  },
+
   "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;

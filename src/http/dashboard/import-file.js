@@ -22,6 +22,9 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
   return parts.filter(Boolean).join(" · ");
 }
 
+/** A time as a field takes it, to the millisecond. */
+const fieldTime = (time) => new Date(time).toISOString().slice(0, -1);
+
 /**
  * The card of a file. `common()` returns the values for all files; `onRemove` is called when the file is
  * removed, `onChange` when its start times or channels change.
@@ -131,19 +134,21 @@ export class ImportFile {
   #showStart() {
     const { type, start, summary, ownStart, words } = this.seen;
     if (!type) return;
-    if (start && !this.#start) {
+    if (!this.#start && start) {
       this.#start = h("input", {
         type: "datetime-local",
         step: "0.001",
         "aria-label": `Start of ${this.file.name}, UTC`,
         onchange: () => this.#typeStart(),
       });
-      this.#start.value = start.time.slice(0, -1);
-      setText(this.#startWords, start.source);
       this.#time.append(
         h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start),
         this.#startWords,
       );
+    }
+    if (start && !this.#typed) {
+      this.#start.value = fieldTime(start.time);
+      setText(this.#startWords, start.source);
     }
     if (start) return;
     const span = summary?.start
@@ -173,7 +178,7 @@ export class ImportFile {
 
   /** Sets the start; `words` name its source. */
   setStart(time, words) {
-    this.#start.value = time.slice(0, -1);
+    this.#start.value = fieldTime(time);
     this.#typeStart();
     setText(this.#startWords, words);
   }
@@ -279,7 +284,9 @@ export class ImportFile {
 
   /** The start as an ISO time; null when the file contains it or the field is empty. */
   start() {
-    return this.#start?.value ? new Date(`${this.#start.value}Z`).toISOString() : null;
+    if (!this.#start?.value) return null;
+    // a time column may be finer than the field
+    return this.#typed ? new Date(`${this.#start.value}Z`).toISOString() : this.seen.start.time;
   }
 
   /** The values entered for the file. */
