@@ -550,6 +550,32 @@ export const CHECKS = {
     await end(opened);
   },
 
+  "an entry that is not a number is not left out of an upload": async (name) => {
+    const opened = await desk({ sensor: {} });
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [audio("pump_20260301_080000.wav", wav(4000))]);
+    await page.getByText("The files do not name the unit of their samples").waitFor();
+    const speed = page.getByLabel("Shaft speed, Hz");
+    await speed.pressSequentially("1e");
+    await send(page);
+    await page.getByText("Nothing was uploaded: “Shaft speed, Hz” is not a number.").waitFor();
+    assert.deepEqual(await speed.evaluate((field) => [field === document.activeElement, field.ariaInvalid]), [
+      true,
+      "true",
+    ]);
+    await speed.fill("10");
+    await page.getByLabel("Full scale of pump_20260301_080000.wav").pressSequentially("--5");
+    await send(page);
+    await page.getByText("“Full scale of pump_20260301_080000.wav” is not a number.").waitFor();
+    assert.equal((await json(`assets/${id}/segments`)).items.length, 0);
+    await page.getByLabel("Full scale of pump_20260301_080000.wav").fill("5");
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 1 record" }).waitFor();
+    const [{ shaft_speed: known }] = (await json(`assets/${id}/segments`)).items;
+    assert.deepEqual([known.shaft_speed_hz, known.source], [10, "record"]);
+    await end(opened, name);
+  },
+
   "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;

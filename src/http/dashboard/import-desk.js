@@ -189,6 +189,7 @@ export class ImportDesk {
    * Unsupported files stay listed, with their reason.
    */
   #sendAll() {
+    if (this.#failBroken()) return;
     const question = this.#spacing.question();
     if (question && !confirm(question)) return;
     const common = this.#values.common();
@@ -222,6 +223,19 @@ export class ImportDesk {
       this.#offerUndo();
       await this.#askAboutSpeed();
     });
+  }
+
+  /** Shows an error at a number field that contains something else; returns whether there is one. */
+  #failBroken() {
+    const broken = [this.#values, ...this.#files].map((part) => part.broken).find(Boolean);
+    if (!broken) return false;
+    broken.closest("details").open = true;
+    broken.setAttribute("aria-invalid", "true");
+    broken.addEventListener("input", () => broken.removeAttribute("aria-invalid"), { once: true });
+    broken.focus();
+    const name = broken.ariaLabel ?? broken.labels[0].textContent;
+    this.#showNotice("bad", `Nothing was uploaded: “${name}” is not a number.`);
+    return true;
   }
 
   /** Lists rejected files again if another start, rate or name may help. */

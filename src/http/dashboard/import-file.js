@@ -289,6 +289,11 @@ export class ImportFile {
     return this.#typed ? new Date(`${this.#start.value}Z`).toISOString() : this.seen.start.time;
   }
 
+  /** The number field of the file, if it contains something else; undefined otherwise. */
+  get broken() {
+    return this.#scale.validity.badInput ? this.#scale : undefined;
+  }
+
   /** The values entered for the file. */
   entry() {
     return {

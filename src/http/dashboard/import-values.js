@@ -63,6 +63,13 @@ export class ImportValues {
     );
   }
 
+  /** The first number field that contains something else, which would count as empty. */
+  get broken() {
+    return [this.#scale, this.#speed, this.#torque, this.#temperature, this.#rate]
+      .map(({ input }) => input)
+      .find(({ validity }) => validity.badInput);
+  }
+
   /** Values for all files that do not contain them. */
   common() {
     return {
