@@ -31,7 +31,7 @@ export function number(value, digits = 4) {
 /** A number of a table: with its trailing zeros, so that all have the same number of digits. */
 export function figure(value, digits = 4) {
   const text = number(value, digits);
-  const isPlain = /^-?[\d.]+$/.test(text) && value !== 0 && Math.abs(value) < 10 ** digits;
+  const isPlain = /^-?[\d.]+$/.test(text) && value !== 0 && Math.abs(Number(text)) < 10 ** digits;
   return isPlain ? Number(value).toPrecision(digits) : text;
 }
 
