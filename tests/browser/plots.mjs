@@ -10,7 +10,9 @@ import {
   open,
   overviewDrawn,
   parameters,
+  plotOf,
   removeAsset,
+  seen,
   sendNoise,
 } from "./page.mjs";
 
@@ -242,6 +244,39 @@ export const CHECKS = {
       assert.ok(words ? title.endsWith(`(${words})`) : !/m\/s/.test(title), `${title} in ${unit}`);
     }
     await close(opened, name);
+  },
+
+  "numbers of a trend fit beside its axis": async (name) => {
+    const id = await createAsset("steady", { baseline: { records: 8 } });
+    for (let minute = 0; minute < 10; minute++) await sendNoise(id, minute, 0.0174 * (1 + 0.004 * minute));
+    const opened = await open(`#/assets/${id}?trend=rms,velocity_rms,kurtosis`, { deviceScaleFactor: 2 });
+    const { page } = opened;
+    const plot = plotOf(page, "trends");
+    await seen(page, "trends");
+    const overlaps = () =>
+      plot.evaluate((element) => {
+        const { left } = element.getBoundingClientRect();
+        const texts = [...element.querySelectorAll("svg text")].filter(({ textContent }) => textContent);
+        const boxes = texts.map((text) => ({ text, box: text.getBoundingClientRect() }));
+        const isTitle = ({ text }) => / \(.*\)$/.test(text.textContent);
+        const isOver = ({ box: a }, { box: b }) =>
+          a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+        return boxes
+          .filter(
+            (one) =>
+              one.box.left < left - 1 ||
+              (isTitle(one) && boxes.some((other) => other !== one && isOver(one, other))),
+          )
+          .map(({ text }) => text.textContent);
+      });
+    assert.deepEqual(await overlaps(), [], "drawn still");
+    await drawn(page, "trends");
+    assert.deepEqual(await overlaps(), [], "drawn by the library");
+    // a signal of a calibrator differs by less than its digits: the axis does not enlarge that
+    const { range } = await plot.evaluate(({ _fullLayout: layout }) => layout.yaxis3);
+    assert.ok(range[1] - range[0] > 9e-4 * range[1], `${range}`);
+    await close(opened, name);
+    await removeAsset(id);
   },
 
   "each baseline is shaded separately": async (name) => {

@@ -96,7 +96,7 @@ export const CHECKS = {
       };
       const frame = await plotOf(page, "wear").boundingBox();
       for (const key of ["warning", "danger"])
-        assert.ok(width(key) > frame.width - 90, `the ${key} limit crosses the plot: ${width(key)} px`);
+        assert.ok(width(key) > frame.width - 95, `the ${key} limit crosses the plot: ${width(key)} px`);
       assert.ok(width("median") > 0.3 * frame.width, `the median is ${width("median")} px wide`);
       const bands = await plotOf(page, "wear").evaluate(
         (plot) =>

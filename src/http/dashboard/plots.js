@@ -117,8 +117,8 @@ function byClock(traces, layout) {
   };
 }
 
-/** Margins of time plots; fixed, so that stacked plots are aligned in time. */
-export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
+/** Margins of time plots; fixed, so that stacked plots are aligned in time. Seven digits fit on the left. */
+export const timeMargin = { l: 78, r: 14, t: 10, b: 8 };
 
 /**
  * One invisible point per record for hovering and clicking instead of the lines: lines have gaps, for which

@@ -69,6 +69,19 @@ const meanings = (panes) =>
     .map(({ key }) => ` ${MEANINGS[key]}`)
     .join("");
 
+const FLAT = 1e-3; // of the greatest value: ticks of a narrower range have more digits than fit beside the axis
+
+/**
+ * The range of an axis for values that are almost the same; undefined for others.
+ * @param {number[]} values
+ */
+function flatRange(values) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const value of values) [low, high] = [Math.min(low, value), Math.max(high, value)];
+  const least = FLAT * Math.max(Math.abs(low), Math.abs(high));
+  return high >= low && high - low < least ? [(low + high - least) / 2, (low + high + least) / 2] : undefined;
+}
+
 const MAX_TICKS = 7;
 
 /**
@@ -192,6 +205,7 @@ export function trendDrawing(
       words,
     );
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
+    const drawn = shown.flatMap((name) => items.map((item) => item[name])).filter(Number.isFinite);
     if (shown.length === 1) {
       const levels = levelLines(shown[0], rules, suffix, colour, logarithmic);
       layout.shapes.push(...levels.shapes);
@@ -209,6 +223,7 @@ export function trendDrawing(
         annotations.push(...zones.annotations);
         entries.push(...zones.entries);
       }
+      drawn.push(...near);
       if (near.length)
         traces.push({
           x: near.map(() => times[0]),
@@ -220,6 +235,7 @@ export function trendDrawing(
           hoverinfo: "skip",
         });
     }
+    if (!logarithmic) layout[`yaxis${suffix}`].range ??= flatRange(drawn);
     if (bins && shown.length === 1) {
       traces.push(
         ...binTraces(items, shown[0], bins, colour).map((trace) => ({
