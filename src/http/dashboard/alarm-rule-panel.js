@@ -48,7 +48,7 @@ export class AlarmRulePanel {
   constructor(onDraft, onName, prefix = "rule") {
     this.#onDraft = onDraft;
     this.#quantity = h("select", { id: `${prefix}-quantity` });
-    this.#k = h("input", { id: `${prefix}-k`, type: "number", min: 0, step: 0.5, value: 4 });
+    this.#k = h("input", { id: `${prefix}-k`, type: "number", min: 0, step: "any", value: 4 });
     this.#inputs = new Map(
       LEVELS.map(([key, label]) => [
         key,
