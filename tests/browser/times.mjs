@@ -1,7 +1,18 @@
 // Times in UTC or in the browser's time zone: as text, on axes, and in fields.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, open, parameters, shownTime } from "./page.mjs";
+import {
+  asset,
+  close,
+  createAsset,
+  drawn,
+  json,
+  open,
+  parameters,
+  removeAsset,
+  sendRecord,
+  shownTime,
+} from "./page.mjs";
 
 const BERLIN = { timezoneId: "Europe/Berlin" };
 
@@ -106,5 +117,25 @@ export const CHECKS = {
     assert.equal(parameters(page).get("from"), "2026-07-01T10:00:00.000Z");
     assert.ok((await from.inputValue()).startsWith("2026-07-01T12:00"));
     await close(opened, name);
+  },
+
+  "maintenance of a record is at its time, also when the clocks go back": async (name) => {
+    const id = await createAsset("clocks", {});
+    const samples = Array.from({ length: 2000 }, (_, n) => Math.sin(n * 0.49));
+    const [first, second] = ["2025-10-26T00:30:00.25Z", "2025-10-26T01:30:00.25Z"]; // both 02:30 in Berlin
+    for (const start of [first, second]) await sendRecord(id, { start_time: start, samples });
+    const opened = await open(`#/assets/${id}?times=local`, BERLIN);
+    const { page } = opened;
+    await page.locator(".record-bar h2", { hasText: "2025-10-26 02:30:00 +01:00" }).waitFor();
+    await page.getByRole("button", { name: "Add maintenance…" }).click();
+    const dialog = page.getByRole("dialog");
+    assert.equal(await dialog.getByLabel("Time, local time").inputValue(), "2025-10-26T02:30");
+    await dialog.getByLabel("Your name").fill("Ada");
+    await dialog.getByRole("button", { name: "Save" }).click();
+    await page.locator(".events-card", { hasText: "2025-10-26 02:30:00 +01:00" }).waitFor();
+    const [{ time }] = (await json(`assets/${id}/maintenance`)).items;
+    assert.equal(Date.parse(time), Date.parse(second));
+    await close(opened, name);
+    await removeAsset(id);
   },
 };

@@ -23,6 +23,7 @@ export class MaintenanceDialog {
     maxlength: 2000,
     placeholder: "for example the serial number of the new pair",
   });
+  #proposed = { text: "", time: "" }; // in the time field as opened, and what it stands for
   #inspection = new InspectionFields();
   #kinds = new Map(); // kind → its label with the radio button
   #result = h("p", { class: "result", role: "status" });
@@ -90,7 +91,9 @@ export class MaintenanceDialog {
     for (const kind of OF_GEARS) this.#kinds.get(kind).hidden = !hasGears;
     if (this.element.querySelector("[name=maintenance-kind]:checked").closest("label").hidden)
       this.element.querySelector("label:not([hidden]) > [name=maintenance-kind]").click();
-    this.#time.value = written(time ?? Date.now()).slice(0, 19);
+    const proposed = time ?? new Date().toISOString();
+    this.#time.value = written(proposed).slice(0, 19);
+    this.#proposed = { text: this.#time.value, time: proposed };
     this.#by.value ||= storedName();
     this.#showStatus("", "");
     if (!this.element.open) this.element.showModal();
@@ -105,7 +108,9 @@ export class MaintenanceDialog {
     storeName(by);
     this.#save.disabled = true;
     try {
-      const time = instant(this.#time.value);
+      // as text the time has no fraction of a second, and an hour of local time may occur twice
+      const { text, time: proposed } = this.#proposed;
+      const time = this.#time.value === text ? proposed : instant(this.#time.value);
       await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
