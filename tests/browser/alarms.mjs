@@ -95,6 +95,27 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "a second click before the answer does not comment twice": async (name) => {
+    const id = await alarmed([1, 20]);
+    const { id: alarm } = await alarmOf(id);
+    const opened = await open(`#/alarms?asset=${id}&alarm=${alarm}`);
+    const { page } = opened;
+    const detail = page.getByRole("region", { name: "Selected alarm" });
+    await detail.getByLabel("Your name").fill("Ada");
+    await detail.getByLabel("Comment", { exact: true }).fill("looked at the flanks");
+    await page.route("**/comment", async (route) => {
+      await new Promise((done) => setTimeout(done, 300));
+      await route.continue();
+    });
+    await detail.getByRole("button", { name: "Comment", exact: true }).dblclick();
+    await detail.getByText("Comment saved.").waitFor();
+    await page.waitForTimeout(500);
+    const { history } = await json(`alarms/${alarm}`);
+    assert.equal(history.filter(({ action }) => action === "comment").length, 1);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "an answer for another alarm, or an error that passes, leaves the comment": async (name) => {
     const { settings } = RULE;
     const id = await createAsset("alarmed", {

@@ -31,6 +31,7 @@ const HOUR_MS = 3_600_000;
 export class AlarmDetail {
   #id;
   #alarm;
+  #isActing = false;
   #head = h("div", { class: "alarm-head" });
   #history = h("ol", { class: "alarm-history" });
   #by = h("input", { id: "alarm-by", autocomplete: "name", maxlength: 200, required: true });
@@ -160,6 +161,7 @@ export class AlarmDetail {
   }
 
   async #act(action) {
+    if (this.#isActing) return; // a second click before the answer
     const by = this.#by.value.trim();
     const comment = this.#comment.value.trim();
     const missing = !by
@@ -177,6 +179,7 @@ export class AlarmDetail {
     if (until === null) return this.#showStatus("bad", "Enter the time until which to shelve the alarm.");
     storeName(by);
     const id = this.#id;
+    this.#isActing = true;
     try {
       const alarm = await api.actOnAlarm(id, action, {
         by,
@@ -193,6 +196,7 @@ export class AlarmDetail {
     } catch (error) {
       if (id === this.#id) this.#showStatus("bad", `Action failed: ${error.message}.`);
     } finally {
+      this.#isActing = false;
       document.dispatchEvent(new CustomEvent("recordschange"));
     }
   }
