@@ -138,4 +138,23 @@ export const CHECKS = {
     await close(opened, name);
     await removeAsset(id);
   },
+
+  "entries outlast the choice of the time zone": async (name) => {
+    const opened = await open(`#/assets/${asset}/settings`, BERLIN);
+    const { page } = opened;
+    await page.getByLabel("Site").fill("North");
+    await page.getByLabel("Times in").selectOption("local");
+    await page.waitForFunction(() => location.hash.includes("times=local"));
+    assert.equal(await page.getByLabel("Site").inputValue(), "North");
+    await page.goto(`${page.url().split("#")[0]}#/assets/${asset}/import`);
+    const body = "not a recording";
+    await page.setInputFiles("#upload-file", [
+      { name: "a.wav", mimeType: "audio/wav", buffer: Buffer.from(body) },
+    ]);
+    await page.locator(".files > li", { hasText: "a.wav" }).waitFor();
+    await page.getByLabel("Times in").selectOption("utc");
+    await page.waitForFunction(() => location.hash.includes("times=utc"));
+    assert.equal(await page.locator(".files > li", { hasText: "a.wav" }).count(), 1);
+    await close(opened, name);
+  },
 };

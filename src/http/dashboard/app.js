@@ -119,9 +119,14 @@ function markNavigation(current) {
   }
 }
 
+/** In another time zone every time on the page is rendered again, unless entries on it would be lost. */
+function outdate() {
+  if (!page?.holdsEntries) built = {};
+}
+
 async function follow() {
   const { route, isOther } = routeWithZone(byId("times"));
-  if (isOther) built = {}; // every time on the page is rendered again
+  if (isOther) outdate();
   const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
   shown = route;
@@ -145,7 +150,7 @@ async function follow() {
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
 bindTimeChoice(byId("times"), async () => {
-  built = {};
+  outdate();
   await follow();
   byId("times").focus();
 });

@@ -9,6 +9,7 @@ import { ReplayPanel } from "./replay-panel.js";
 
 /** Adds records to one asset. */
 export class ImportPage {
+  holdsEntries = true;
   #id;
   #root;
   #query;

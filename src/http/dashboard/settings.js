@@ -11,6 +11,7 @@ import { removalCard } from "./settings-removal.js";
 
 /** The settings of one asset. */
 export class SettingsPage {
+  holdsEntries = true;
   #id;
   #root;
   #query;

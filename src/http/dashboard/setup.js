@@ -29,6 +29,7 @@ const slug = (name) =>
 
 /** The page at `#/new`; `copy` or `edit` in its address names an asset. */
 export class SetupPage {
+  holdsEntries = true;
   #query;
   #inputs = new SetupInputs();
   #lists = new SetupLists(this.#inputs, () => this.#check(TYPED_MS));
