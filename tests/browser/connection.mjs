@@ -6,16 +6,17 @@ import { asset, base, createAsset, drawn, newContext, removeAsset, sendNoise } f
 
 /**
  * Forwards requests to the server; `streams` says whether the event stream is forwarded, `close()` and
- * `open()` affect all requests.
+ * `open()` affect all requests, `hold()` those to come.
  */
 async function gate() {
   const target = new URL(base);
   const streams = new Set();
-  const state = { streams: true, port: 0 };
+  const state = { streams: true, held: false, port: 0 };
   const server = createServer((incoming, outgoing) => {
     const isStream = incoming.url.startsWith("/v1/events");
     if (isStream && !state.streams) return outgoing.writeHead(404).end();
     if (isStream) streams.add(outgoing);
+    if (state.held) return;
     const { hostname: host, port } = target;
     const passed = request(
       { host, port, path: incoming.url, method: incoming.method, headers: incoming.headers },
@@ -37,6 +38,7 @@ async function gate() {
       state.streams = false;
       for (const stream of streams) stream.destroy();
     },
+    hold: () => (state.held = true),
     close: () => {
       server.close();
       server.closeAllConnections();
@@ -89,6 +91,23 @@ export const CHECKS = {
     await context.close();
     passage.close();
     await removeAsset(id);
+  },
+
+  "a server that does not answer is no live connection": async () => {
+    const passage = await gate();
+    const context = await newContext({ viewport: { width: 1280, height: 900 } });
+    const page = await context.newPage();
+    await page.clock.install();
+    await page.goto(`${passage.url}/`);
+    await page.locator(`[data-asset="${asset}"]`).waitFor();
+    await page.locator('#live[data-state="live"]').waitFor();
+    passage.hold();
+    await page.clock.fastForward(21_000); // until the next request
+    await page.clock.fastForward(61_000);
+    await page.getByText(/Connection lost since .*: no answer so far\. The data shown/).waitFor();
+    assert.equal(await page.locator("#live").getAttribute("data-state"), "lost");
+    await context.close();
+    passage.close();
   },
 
   "a page opened while the server is unavailable loads when it is back": async () => {

@@ -9,6 +9,7 @@ import { age, clock } from "./format.js";
 const INTERVAL_MS = 2000;
 const PUSHED_INTERVAL_MS = 20_000; // with the event stream, polling only guards against missed events
 const MIN_MS = 700; // minimum time between two updates, however many events arrive
+const LATE_MS = 60_000; // a server that has not answered for that long may have stopped
 const RETRIES_MS = [2000, 3000, 5000, 10_000];
 
 /**
@@ -19,6 +20,7 @@ export class Live {
   #task;
   #report;
   #timer;
+  #lateness;
   #abort = new AbortController();
   #failures = 0;
   #status = { state: "loading" };
@@ -55,6 +57,8 @@ export class Live {
     const abort = (this.#abort = new AbortController());
     this.#busy = true;
     this.#due = false;
+    clearTimeout(this.#lateness);
+    this.#lateness = setTimeout(() => this.#late(Date.now() - LATE_MS), LATE_MS);
     try {
       await this.#task(abort.signal);
       if (abort.signal.aborted) return;
@@ -67,6 +71,13 @@ export class Live {
       this.#busy = false;
       this.#lost(error);
     }
+  }
+
+  /** No answer so far: what is shown may be old, but the answer may still come. */
+  #late(since) {
+    const { updatedAt, lostAt = since } = this.#status;
+    const error = new ConnectionError("no answer so far");
+    this.#set({ state: "lost", updatedAt, lostAt, error });
   }
 
   #lost(error) {
@@ -84,6 +95,7 @@ export class Live {
   }
 
   #set(status) {
+    clearTimeout(this.#lateness);
     this.#status = status;
     this.#report(status);
   }
