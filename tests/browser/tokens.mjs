@@ -28,7 +28,7 @@ export const CHECKS = guarded && {
     await page.getByText("Enter a name.").waitFor();
     await page.getByLabel("Name", { exact: true }).fill("display");
     await page.getByLabel("read").check();
-    await page.getByRole("button", { name: "Create token" }).click();
+    await page.getByRole("button", { name: "Create token" }).dblclick();
     const made = await page.getByLabel("Token display", { exact: true }).inputValue();
     assert.match(made, /^fwt_[0-9a-f]{8}_[0-9a-f]{64}$/);
     assert.equal((await asked("assets", made)).status, 200);
@@ -41,6 +41,11 @@ export const CHECKS = guarded && {
       await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
     await page.reload();
     await page.getByRole("row", { name: /display/ }).waitFor();
+    assert.equal(
+      await page.getByRole("row", { name: /display/ }).count(),
+      1,
+      "a second click is no second one",
+    );
     assert.equal(await page.getByLabel("Token display", { exact: true }).count(), 0, "it is shown once");
 
     const other = await logIn("#/tokens", made);

@@ -15,6 +15,7 @@ const SCOPES = {
 export class TokensPage {
   #shown;
   #session;
+  #isCreating = false;
   #name = h("input", {
     id: "token-name",
     maxlength: 200,
@@ -130,6 +131,7 @@ export class TokensPage {
 
   async #create(event) {
     event.preventDefault();
+    if (this.#isCreating) return; // a second click before the answer
     const name = this.#name.value.trim();
     this.#name.removeAttribute("aria-invalid");
     if (!name) {
@@ -138,6 +140,7 @@ export class TokensPage {
       return this.#showStatus("bad", "Enter a name.");
     }
     const scope = /** @type {Schemas["Scope"]} */ (this.#scopes.find(({ radio }) => radio.checked).scope);
+    this.#isCreating = true;
     try {
       const made = await api.createToken({ name, scope });
       this.#name.value = "";
@@ -150,6 +153,8 @@ export class TokensPage {
       await this.refresh();
     } catch (error) {
       this.#showStatus("bad", `Creating failed: ${error.message}.`);
+    } finally {
+      this.#isCreating = false;
     }
   }
 
