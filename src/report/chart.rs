@@ -21,7 +21,8 @@ const WIDE: Size = Size { class: "wide", width: 760.0, height: 250.0, ticks: [6,
 /// For a phone, where the wide one would have unreadable text.
 const NARROW: Size = Size { class: "narrow", width: 360.0, height: 230.0, ticks: [3, 4, 5] };
 
-const LEFT: f64 = 64.0;
+/// Room for the title and for labels of eight characters.
+const LEFT: f64 = 80.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 46.0;
@@ -34,6 +35,10 @@ const LONE_HALF: f64 = 2.0;
 
 /// The time shown before and after a single record, in seconds.
 const LONE_ROOM_S: f64 = 300.0;
+
+/// The least vertical range as a fraction of the greatest value: the labels of a narrower one have more
+/// digits than fit beside the axis.
+const FLAT: f64 = 1e-3;
 
 /// The scale of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -193,7 +198,11 @@ impl Chart {
             .chain(self.band.iter().filter_map(|(_, edges)| *edges).flatten())
             .chain(self.levels.iter().map(|level| level.y));
         let half = |y: f64| if y == 0.0 { 0.5 } else { 0.5 * y.abs() };
-        let [mut low, high] = extent(ys, half);
+        let [mut low, mut high] = extent(ys, half);
+        let missing = FLAT * low.abs().max(high.abs()) - (high - low);
+        if missing > 0.0 {
+            (low, high) = (low - 0.5 * missing, high + 0.5 * missing);
+        }
         if self.from_zero {
             low = low.min(0.0);
         }
@@ -332,13 +341,25 @@ mod tests {
         lone.band = vec![(start, Some([0.0006, 0.0008]))];
         let svg = lone.drawn(WIDE, "words");
         assert!(svg.contains("03-01 08:00"), "{svg}");
-        assert!(svg.contains("<polyline class=\"one lone\" points=\"406.0,"), "{svg}");
-        assert!(svg.contains("<polygon class=\"band\" points=\"404.0,"), "{svg}");
+        assert!(svg.contains("<polyline class=\"one lone\" points=\"414.0,"), "{svg}");
+        assert!(svg.contains("<polygon class=\"band\" points=\"412.0,"), "{svg}");
         let frame = lone.frame(WIDE);
         assert_eq!(frame.x, [start - 300.0, start + 300.0]);
         lone.band.clear();
         let [low, high] = lone.frame(WIDE).y;
         assert!(0.0 < low && high < 0.002, "{low} to {high}");
+    }
+
+    #[test]
+    fn the_labels_of_almost_equal_values_are_short() {
+        for value in [1.600_937_4, 0.001_234_56, 98_765.4] {
+            let mut chart =
+                chart((0..5).map(|n| (f64::from(n), Some(value + 1e-9 * f64::from(n)))).collect());
+            chart.from_zero = false;
+            let [low, high] = chart.frame(WIDE).y;
+            let ticks = ticks::numbers(low, high, 5);
+            assert!(ticks.len() >= 2 && ticks.iter().all(|tick| tick.label.len() <= 9), "{ticks:?}");
+        }
     }
 
     #[test]
