@@ -116,7 +116,7 @@ pub use record_defaults::{RecordDefaults, TimeOfDay};
 pub use recorded::Recorded;
 pub use wav::{WavWriter, decode_wav};
 pub use wav_format::WavFormat;
-pub use wav_frames::WavFrames;
+pub use wav_frames::{WavFrames, WavSamples};
 
 #[cfg(test)]
 mod tests;

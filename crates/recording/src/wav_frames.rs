@@ -26,13 +26,20 @@ pub struct WavFrames<R> {
     reader: R,
     /// Length of the file in bytes.
     file_bytes: u64,
-    format: WavFormat,
     declared: Option<u64>,
     data_start: u64,
     read: u64,
     early_end: Option<u64>,
     buffer: Vec<u8>,
     next: usize,
+    samples: WavSamples,
+}
+
+/// Reads the values of samples in consecutive parts of the data, as [`WavFrames`] does.
+#[derive(Debug)]
+pub struct WavSamples {
+    format: WavFormat,
+    /// Position of the valid bits, as far as the parts so far show it.
     justification: Option<Justification>,
 }
 
@@ -46,26 +53,25 @@ impl<R: Read> WavFrames<R> {
         Ok(Self {
             reader,
             file_bytes,
-            format: header.format,
             declared: header.data_bytes,
             data_start: header.data_start,
             read: 0,
             early_end: None,
             buffer: Vec::new(),
             next: 0,
-            justification: None,
+            samples: WavSamples::new(header.format),
         })
     }
 
     /// Returns the format of the samples.
     pub fn format(&self) -> WavFormat {
-        self.format
+        self.samples.format
     }
 
     /// Returns the largest possible number of frames in the file.
     pub fn frames_at_most(&self) -> u64 {
         let available = self.file_bytes.saturating_sub(self.data_start);
-        self.declared.unwrap_or(available).min(available) / self.format.frame_bytes() as u64
+        self.declared.unwrap_or(available).min(available) / self.format().frame_bytes() as u64
     }
 
     /// Rejects a truncated recording.
@@ -94,18 +100,18 @@ impl<R: Read> WavFrames<R> {
                 return Ok(false);
             }
         }
-        let width = self.format.container;
-        let bytes = &self.buffer[self.next..self.next + self.format.frame_bytes()];
-        for (sample, bytes) in frame.iter_mut().zip(bytes.chunks_exact(width)) {
-            *sample = decode(bytes, &self.format, self.justification);
+        let format = self.format();
+        let bytes = &self.buffer[self.next..self.next + format.frame_bytes()];
+        for (sample, bytes) in frame.iter_mut().zip(bytes.chunks_exact(format.container)) {
+            *sample = self.samples.value(bytes);
         }
-        self.next += self.format.frame_bytes();
+        self.next += format.frame_bytes();
         Ok(true)
     }
 
     /// Reads the next whole frames.
     fn fill(&mut self) -> Result<(), RecordingError> {
-        let frame = self.format.frame_bytes();
+        let frame = self.format().frame_bytes();
         if let Some(found) = self.early_end {
             return Err(RecordingError::WavEnds {
                 part: "the data chunk",
@@ -138,17 +144,46 @@ impl<R: Read> WavFrames<R> {
         }
         self.read += whole as u64;
         self.buffer.truncate(whole);
-        self.check_padding()
+        self.samples.check_padding(&self.buffer)
+    }
+}
+
+impl WavSamples {
+    /// Creates a reader of samples in this format.
+    pub fn new(format: WavFormat) -> Self {
+        Self { format, justification: None }
+    }
+
+    /// Returns the format of the samples.
+    pub fn format(&self) -> WavFormat {
+        self.format
+    }
+
+    /// Returns the values of the next whole samples.
+    ///
+    /// # Errors
+    /// Samples with non-empty padding.
+    pub fn values<'a>(
+        &'a mut self,
+        bytes: &'a [u8],
+    ) -> Result<impl Iterator<Item = f32> + 'a, RecordingError> {
+        self.check_padding(bytes)?;
+        let this = &*self;
+        Ok(bytes.chunks_exact(this.format.container).map(|sample| this.value(sample)))
+    }
+
+    fn value(&self, bytes: &[u8]) -> f32 {
+        decode(bytes, &self.format, self.justification)
     }
 
     /// Determines the position of the valid bits from the samples, and rejects samples that fit neither
     /// position.
-    fn check_padding(&mut self) -> Result<(), RecordingError> {
+    fn check_padding(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {
         let padding = self.format.container - self.format.bits.div_ceil(8);
         if padding == 0 || self.format.float {
             return Ok(());
         }
-        let samples = self.buffer.chunks_exact(self.format.container);
+        let samples = bytes.chunks_exact(self.format.container);
         if samples.clone().all(|bytes| bytes.iter().all(|&byte| byte == 0)) {
             return Ok(());
         }
@@ -175,13 +210,6 @@ impl<R: Read> WavFrames<R> {
             }
         };
         Ok(())
-    }
-}
-
-impl WavFormat {
-    /// Returns the value of one sample's bytes, as in [`WavFrames`].
-    pub fn value(&self, bytes: &[u8]) -> f32 {
-        decode(bytes, self, None)
     }
 }
 
@@ -216,4 +244,35 @@ fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>
     let word = if format.container == 1 { word ^ (1 << 63) } else { word };
     const FULL_SCALE: f64 = 9_223_372_036_854_775_808.0;
     (word.cast_signed() as f64 / FULL_SCALE) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_the_data_share_the_position_of_the_bits() {
+        let format = WavFormat {
+            channels: 1,
+            sample_rate_hz: 8000,
+            bits: 24,
+            container: 4,
+            float: false,
+            big_endian: false,
+        };
+        let mut samples = WavSamples::new(format);
+        let mut values = |words: &[i32]| -> Result<Vec<f32>, RecordingError> {
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            Ok(samples.values(&bytes)?.collect())
+        };
+        // The second sample has no sign in its upper byte.
+        assert_eq!(values(&[0, 0]).unwrap(), [0.0, 0.0]);
+        assert_eq!(values(&[0x40_0001, 0xc0_0000, -0x40_0000]).unwrap()[1..], [-0.5, -0.5]);
+        assert_eq!(values(&[0x40_0000]).unwrap(), [0.5]);
+        let error = values(&[0x4000_0000]).unwrap_err().to_string();
+        assert!(
+            error.contains("sample padding is not empty in containers of 4 bytes for 24 bits"),
+            "{error}"
+        );
+    }
 }

@@ -11,7 +11,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::super::CliError;
 use crate::recording::stream::StreamFormat;
-use crate::recording::{RawSample, WavFormat};
+use crate::recording::{RawSample, WavFormat, WavSamples};
 
 /// Seconds of samples in one block.
 pub(super) const BLOCK_S: f64 = 0.25;
@@ -43,7 +43,7 @@ pub(super) struct Source {
     name: String,
     format: StreamFormat,
     /// Format of a WAV whose samples are converted before they are sent.
-    converted: Option<WavFormat>,
+    converted: Option<WavSamples>,
     /// Bytes not read yet, where their number is known.
     remaining: Option<u64>,
     /// Whether to wait at the end of the file for it to grow.
@@ -76,7 +76,7 @@ impl Source {
                     _ => (RawSample::F32, false),
                 };
                 let sample = if is_same { sample } else { RawSample::F32 };
-                converted = (!is_same).then_some(wav);
+                converted = (!is_same).then(|| WavSamples::new(wav));
                 let channels = u32::try_from(wav.channels).unwrap_or(u32::MAX);
                 StreamFormat::new(sample, wav.sample_rate_hz.into(), channels, None).map_err(failed)?
             }
@@ -104,7 +104,7 @@ impl Source {
 
     /// Size of a frame in the source.
     fn read_frame_bytes(&self) -> usize {
-        self.converted.as_ref().map_or(self.format.frame_bytes(), WavFormat::frame_bytes)
+        self.converted.as_ref().map_or(self.format.frame_bytes(), |wav| wav.format().frame_bytes())
     }
 }
 
@@ -137,9 +137,10 @@ impl SampleSource for Source {
         // The last sample was measured just now.
         let length_s = self.format.seconds((bytes.len() / width) as u64);
         let time = Timestamp::now() - SignedDuration::from_secs_f64(length_s);
-        let bytes = match &self.converted {
+        let bytes = match &mut self.converted {
             Some(wav) => {
-                bytes.chunks_exact(wav.container).flat_map(|sample| wav.value(sample).to_le_bytes()).collect()
+                let failed = |source| CliError::Recording { path: self.name.as_str().into(), source };
+                wav.values(&bytes).map_err(failed)?.flat_map(f32::to_le_bytes).collect()
             }
             None => bytes,
         };
