@@ -323,8 +323,19 @@ fn clock_at(columns: &[Column], at: usize, samples: &[Vec<String>]) -> Clock {
     Clock::Seconds { column: at, factor: stated.unwrap_or(guessed) }
 }
 
-/// Returns the rate from a line such as `Sample rate: 12800 Hz`, `fs=25600` or `Abtastrate;12,8;kHz`. A comma
-/// before three digits is a decimal sign only if it is one in the samples.
+/// Returns a unit of rates in hertz; `None` if it is not one.
+fn hertz_of(unit: &str) -> Option<f64> {
+    let bare = unit.trim_matches(['[', ']', '(', ')', ',', '.']).to_lowercase();
+    match bare.as_str() {
+        "hz" | "s/s" | "sa/s" | "sps" => Some(1.0),
+        "khz" | "ks/s" | "ksa/s" | "ksps" | "k" => Some(1e3),
+        "mhz" | "ms/s" | "msa/s" | "msps" => Some(1e6),
+        _ => None,
+    }
+}
+
+/// Returns the rate from a line such as `Sample rate: 12.8 kS/s`, `fs=25600` or `Abtastrate;12,8;kHz`. A
+/// comma before three digits is a decimal sign only if it is one in the samples.
 fn stated_rate(lines: &[&str], has_decimal_comma: bool) -> Option<StatedRate> {
     lines.iter().find_map(|line| {
         let at = line.find([':', '=', ';', '\t', ','])?;
@@ -344,7 +355,11 @@ fn stated_rate(lines: &[&str], has_decimal_comma: bool) -> Option<StatedRate> {
             return None;
         }
         let mut words = value.split([';', '\t', ' ', '"']).filter(|word| !word.is_empty());
-        let number = words.next()?.trim_end_matches("Hz");
+        let word = words.next()?;
+        // The unit is a word of its own, or follows the number directly or after a comma.
+        let number = word.trim_end_matches(|c: char| c.is_alphabetic() || c == '/');
+        let of_value = Some(&word[number.len()..]).filter(|unit| !unit.is_empty()).or(words.next());
+        let number = number.trim_end_matches(',');
         let after_comma = number.rsplit_once(',').map(|(_, digits)| digits);
         if !has_decimal_comma
             && after_comma
@@ -353,7 +368,7 @@ fn stated_rate(lines: &[&str], has_decimal_comma: bool) -> Option<StatedRate> {
             return Some(StatedRate::Ambiguous);
         }
         let number: f64 = Decimals::separated_by(b';').parse(number)?;
-        let factor = if words.next().and_then(unit).or(of_key) == Some("kHz") { 1e3 } else { 1.0 };
+        let factor = [of_value, of_key].into_iter().flatten().find_map(hertz_of).unwrap_or(1.0);
         Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite()).map(StatedRate::Known)
     })
 }

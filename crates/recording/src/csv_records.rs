@@ -202,9 +202,19 @@ mod tests {
 
     #[test]
     fn the_rate_may_precede_the_header() {
-        for line in
-            ["Sample rate: 25600 Hz", "# fs = 25600", "Sampling Frequency (kHz),25.6", "SampleRate;25600"]
-        {
+        for line in [
+            "Sample rate: 25600 Hz",
+            "# fs = 25600",
+            "Sampling Frequency (kHz),25.6",
+            "Sampling frequency [kHz]: 25.6 nominal",
+            "SampleRate;25600",
+            "SampleRate,25600,Hz",
+            "Sample rate: 25.6 [kHz]",
+            "Sample rate: 25.6kHz",
+            "Sample rate: 25.6 kS/s",
+            "Sample rate: 25.6 ksps",
+            "fs = 0.0256 MS/s",
+        ] {
             assert_eq!(
                 only(&format!("{line}\nOperator: Ada\nx\n1\n2\n"), None).sample_rate_hz(),
                 25_600.0,
