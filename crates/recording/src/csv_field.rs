@@ -160,8 +160,9 @@ impl Moment {
             return i64::try_from(time.as_nanosecond()).ok().map(Self::Since1970);
         }
         let date_time = |text: &str| {
-            let time = text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok()?;
-            i64::try_from(time.timestamp().as_nanosecond()).ok().map(Self::Since1970)
+            let utc = || text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok();
+            let time = text.parse().ok().or_else(|| Some(utc()?.timestamp()))?;
+            i64::try_from(Timestamp::as_nanosecond(time)).ok().map(Self::Since1970)
         };
         let (date, time) = field.split_once([' ', 'T']).unwrap_or(("", &field));
         if date.is_empty() {

@@ -168,6 +168,8 @@ mod tests {
                 "{first}"
             );
         }
+        let zoned = only("when;x\n01.03.2026 09:00:00+01:00;1\n01.03.2026 09:00:01+01:00;2\n", None);
+        assert_eq!(zoned.start_time().to_string(), "2026-03-01T08:00:00Z");
         assert_eq!(only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None).start_time().as_second(), 0);
     }
 
