@@ -157,6 +157,23 @@ mod tests {
     }
 
     #[test]
+    fn times_of_day_may_pass_midnight() {
+        let text = "at,x\n23:59:59.8,1\n23:59:59.9,2\n00:00:00.0,3\n00:00:00.1,4\n";
+        let defaults = RecordDefaults {
+            start_time: "2026-03-02T00:00:05Z".parse().unwrap(),
+            time_of_day: TimeOfDay::UpToStart,
+            ..Default::default()
+        };
+        let record = decode_csv(text.as_bytes(), CsvLayout::default(), &defaults).unwrap().remove(0);
+        assert_eq!((record.samples().len(), record.sample_rate_hz()), (4, 10.0));
+        assert_eq!(record.start_time().to_string(), "2026-03-01T23:59:59.8Z");
+        let error = read("at,x\n08:00:00,1\n08:00:01,2\n07:59:59,3\n", None).unwrap_err();
+        assert!(error.contains("its time is before that of the line above"), "{error}");
+        let error = read("at,x\n23:59:58,1\n23:59:59,2\n00:00:09,3\n", None).unwrap_err();
+        assert!(error.contains("samples are missing"), "{error}");
+    }
+
+    #[test]
     fn dates_give_the_start() {
         for first in ["2026-03-01T08:00:00.0Z", "2026-03-01 08:00:00.0", "01.03.2026 08:00:00,0"] {
             let second = first.replacen(".0", ".5", 1).replace(",0", ",5");

@@ -71,6 +71,8 @@ impl CsvTiming {
         let mut steps = Steps::default();
         let mut first = None;
         let mut count = 0_u64;
+        // The last midnight since the first time of day.
+        let mut midnight_ns = 0;
         let mut ramp = Ramp::default();
         let shows_time_of_day = frames.shows_time_of_day();
         while frames.next_frame(&mut frame)? {
@@ -78,7 +80,14 @@ impl CsvTiming {
             ramp.add(frame.first().copied().unwrap_or_default());
             if let Some(moment) = frames.moment()? {
                 first.get_or_insert(moment);
-                steps.add(moment.nanoseconds(), frames.line())?;
+                let mut ns = moment.nanoseconds();
+                if shows_time_of_day && matches!(moment, Moment::SinceMidnight(_)) {
+                    if steps.goes_back_half_a_day(ns + midnight_ns) {
+                        midnight_ns += DAY_NS as i64;
+                    }
+                    ns += midnight_ns;
+                }
+                steps.add(ns, frames.line())?;
             }
         }
         if frames.may_be_unnamed_time() && ramp.is_even() {
@@ -170,6 +179,11 @@ struct Steps {
 }
 
 impl Steps {
+    /// Returns whether a time is at least half a day before the last one: a time of day passed midnight.
+    fn goes_back_half_a_day(&self, ns: i64) -> bool {
+        self.first.is_some() && i128::from(self.last) - i128::from(ns) >= DAY_NS / 2
+    }
+
     fn add(&mut self, ns: i64, line: u64) -> Result<(), RecordingError> {
         if self.first.is_none() {
             self.first = Some(ns);
