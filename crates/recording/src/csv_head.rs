@@ -73,6 +73,8 @@ impl Head {
             .iter()
             .find_map(|&separator| first_samples(&lines, separator, 2).map(|line| (separator, line)));
         let found = found.or_else(|| first_samples(&lines, b',', 1).map(|line| (b',', line)));
+        let found =
+            found.map(|found| if has_decimal_commas(&lines, found) { (b';', found.1) } else { found });
         let (separator, line) = found.unwrap_or_else(|| fallback_structure(&lines));
         let first = lines.get(line).map(|line| fields(line, separator)).unwrap_or_default();
         let above = lines[..line.min(lines.len())].iter().rfind(|line| !line.trim().is_empty());
@@ -162,6 +164,26 @@ fn first_samples(lines: &[&str], separator: u8, min_columns: usize) -> Option<us
         let next = (line + 1..lines.len()).find(|&next| !lines[next].trim().is_empty());
         next.is_none_or(|next| at(next) == Some(columns))
     })
+}
+
+/// Returns whether the commas that seem to separate two columns are decimal signs in a single one: `-0,5` and
+/// `1,05` are no pairs of whole numbers. The line above must not name two columns.
+fn has_decimal_commas(lines: &[&str], (separator, line): (u8, usize)) -> bool {
+    let above = lines[..line].iter().rfind(|line| !line.trim().is_empty());
+    if separator != b',' || above.is_some_and(|line| line.contains(',')) {
+        return false;
+    }
+    let samples = lines[line..].iter().map(|line| line.trim()).filter(|line| !line.is_empty());
+    let parts: Option<Vec<(&str, &str)>> = samples.map(|line| line.split_once(',')).collect();
+    let is_whole = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let is_number = |(whole, digits): &(&str, &str)| {
+        is_whole(whole.strip_prefix(['-', '+']).unwrap_or(whole)) && is_whole(digits)
+    };
+    let is_fraction = |(whole, digits): &(&str, &str)| {
+        *whole == "-0"
+            || (digits.len() > 1 && digits.starts_with('0') && !digits.bytes().all(|byte| byte == b'0'))
+    };
+    parts.is_some_and(|parts| parts.iter().all(is_number) && parts.iter().any(is_fraction))
 }
 
 /// Rejects samples whose number of columns differs from that of the names directly above.

@@ -110,6 +110,22 @@ mod tests {
     }
 
     #[test]
+    fn a_single_column_may_have_decimal_commas() {
+        for (text, name, samples) in [
+            ("Beschleunigung\n0,25\n-0,5\n1,75\n", "Beschleunigung", [0.25, -0.5, 1.75]),
+            ("a [g]\r\n12,5\r\n3,05\r\n\r\n-7,25\r\n", "a", [12.5, 3.05, -7.25]),
+            ("0,25\n-0,5\n1,75", "1", [0.25, -0.5, 1.75]),
+        ] {
+            let record = only(text, Some(10.0));
+            assert_eq!((record.channel(), record.samples()), (name, &samples[..]), "{text:?}");
+        }
+        // These are two columns.
+        for text in ["a,b\n0,25\n-0,5\n", "1,2\n-3,4\n", "1,0\n0,00\n", "0,5\n-0,0.5\n", "-0,-5\n1,2\n"] {
+            assert_eq!(read(text, Some(10.0)).unwrap().len(), 2, "{text:?}");
+        }
+    }
+
+    #[test]
     fn a_clock_in_four_columns_gives_the_rate() {
         let line = |k: u32| {
             format!(
