@@ -167,6 +167,25 @@ mod tests {
         })
     }
 
+    /// Long teeth of a small pressure angle: more than eight pairs of them touch at once.
+    #[test]
+    fn more_pairs_of_teeth_than_can_share_the_load_are_rejected() {
+        let mut spec = shen2022_spec();
+        let basic = &mut spec.geometry;
+        (basic.teeth, basic.pressure_angle_deg) = ([200, 200], 10.0);
+        (basic.addendum, basic.dedendum) = ([3.0, 3.0], [3.25, 3.25]);
+        (basic.bore_radius_mm, basic.centre_distance_mm) = (None, None);
+        spec.dynamics.contact = ContactRule::Loaded;
+        assert!(spec.resolve().unwrap().contact_ratio() > 8.0);
+        let GearError::Field { field, value, expected } = spec.check().unwrap_err() else { panic!() };
+        assert_eq!((field, value.as_str()), ("dynamics.contact", "loaded"));
+        assert!(expected.contains("more than 4 pairs of teeth touch"), "{expected}");
+        spec.dynamics.contact = ContactRule::Threshold;
+        let pair = spec.resolve().unwrap();
+        let unworn = MeshCycle::compute(&pair, &FlankWear::none(), 16).unwrap();
+        assert!(unworn.pairs_in_contact.iter().all(|pairs| *pairs >= 8));
+    }
+
     /// `fixtures/reference/mesh-stiffness-fe`: a fine finite-element model with resolved contact, at every
     /// position of the period.
     #[test]

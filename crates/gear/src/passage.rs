@@ -124,7 +124,7 @@ impl<'a> Passage<'a> {
         let leader = *candidates.first().ok_or(GearError::NoContact { phi1_rad })?;
         let most = bodies.alone_rad(&leader.touch, torque_n);
         candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
-        candidates.truncate(MAX_PAIRS);
+        let further = candidates.split_off(candidates.len().min(MAX_PAIRS));
         // Under an excessive force the contact's own compliance, a logarithm of its width, is no longer
         // valid.
         let overloaded = GearError::Overloaded { torque_nm, phi1_rad };
@@ -134,6 +134,16 @@ impl<'a> Passage<'a> {
         let sharing = bodies.share(&candidates, torque_n);
         if !(sharing.rotation_rad > 0.0 && sharing.rotation_rad.is_finite()) {
             return Err(overloaded);
+        }
+        let touches = |other: &Candidate| {
+            other.behind_rad * other.touch.arms_mm[1] < sharing.rotation_rad * other.touch.arms_mm[0]
+        };
+        if further.iter().any(touches) {
+            let expected = format!(
+                "threshold, or shorter teeth: at phi1 = {phi1_rad:.5} rad more than {MAX_PAIRS} pairs of teeth touch under {torque_nm} N·m, \
+                 whose sharing of the load is not modelled"
+            );
+            return Err(GearError::field("dynamics.contact", pair.spec.dynamics.contact, expected));
         }
         Ok(Shared { leader, candidates, sharing })
     }
