@@ -166,7 +166,7 @@ impl Analyzer {
         };
         moments.indicate(&mut indicators);
         for band in bands {
-            let value = band.rms(&work.amplitude, work.length, resolution_hz, record.unit());
+            let value = band.rms(&work.amplitude, work.length, record.sample_rate_hz(), record.unit());
             indicators.insert(band.indicator(), value);
         }
         let mut features = Features {
@@ -176,8 +176,8 @@ impl Analyzer {
             ..Features::default()
         };
         let deviation = moments.deviation();
-        let velocity =
-            deviation.and_then(|_| velocity_rms(&work.amplitude, work.length, resolution_hz, record.unit()));
+        let velocity = deviation
+            .and_then(|_| velocity_rms(&work.amplitude, work.length, record.sample_rate_hz(), record.unit()));
         indicators.insert(VELOCITY_RMS, velocity);
         if let (Ok(deviation), Ok(kurtosis)) = (deviation, moments.kurtosis()) {
             features.values.insert("ln_rms", deviation.ln());

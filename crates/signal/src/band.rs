@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::motion::Motion;
 use super::not_computed::NotComputed;
-use super::spectrum::HANN_BANDWIDTH_BINS;
+use super::spectrum::{HANN_BANDWIDTH_BINS, position_of};
 use super::sums::sum_of;
 
 /// The quantity whose root mean square a band gives.
@@ -54,10 +54,10 @@ impl Band {
         &self,
         amplitude: &[f64],
         samples: usize,
-        resolution_hz: f64,
+        sample_rate_hz: f64,
         unit: &str,
     ) -> Result<f64, NotComputed> {
-        rms_between(self.band_hz, self.quantity, amplitude, samples, resolution_hz, unit)
+        rms_between(self.band_hz, self.quantity, amplitude, samples, sample_rate_hz, unit)
     }
 }
 
@@ -83,14 +83,14 @@ pub(super) fn rms_between(
     quantity: BandQuantity,
     amplitude: &[f64],
     samples: usize,
-    resolution_hz: f64,
+    sample_rate_hz: f64,
     unit: &str,
 ) -> Result<f64, NotComputed> {
     let (factor, integrates) = match quantity {
         BandQuantity::Record => (1.0, false),
         BandQuantity::Velocity => to_mm_per_s(unit).ok_or(NotComputed::NotAcceleration)?,
     };
-    let [low, high] = band_hz.map(|frequency| frequency / resolution_hz);
+    let [low, high] = band_hz.map(|frequency| position_of(frequency, samples, sample_rate_hz));
     if high > 0.5 * samples as f64 {
         return Err(NotComputed::AboveNyquist);
     }
@@ -104,6 +104,7 @@ pub(super) fn rms_between(
     };
     // The bin at half the sampling rate has no mirror image.
     let sum = squares(first..=last) + if 2 * last == samples { squares(last..=last) } else { 0.0 };
+    let resolution_hz = sample_rate_hz / samples as f64;
     let factor = if integrates { factor / (std::f64::consts::TAU * resolution_hz) } else { factor };
     Ok(factor * (0.5 * sum / HANN_BANDWIDTH_BINS).sqrt())
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::not_computed::NotComputed;
-use super::spectrum::hann_amplitude;
+use super::spectrum::{hann_amplitude, position_of};
 use super::sums::mean_of;
 use super::transform::Transforms;
 
@@ -145,11 +145,12 @@ pub(super) fn band_bins(
     if high > nyquist_hz {
         return Err(BandError::AboveNyquist { low, high, nyquist_hz });
     }
-    let resolution_hz = sample_rate_hz / length as f64;
-    let first = ((low / resolution_hz).ceil() as usize).max(1);
-    let last = ((high / resolution_hz).floor() as usize).min((length - 1) / 2);
+    let [first, last] = [low, high].map(|frequency| position_of(frequency, length, sample_rate_hz));
+    let first = (first.ceil() as usize).max(1);
+    let last = (last.floor() as usize).min((length - 1) / 2);
     let bins = (last + 1).saturating_sub(first);
     if bins < MIN_BINS {
+        let resolution_hz = sample_rate_hz / length as f64;
         return Err(BandError::TooNarrow { low, high, bins, resolution_hz });
     }
     Ok([first, last])
@@ -259,6 +260,8 @@ mod tests {
     fn the_widest_band_of_the_shortest_record_works() {
         assert_eq!(band_bins([0.0, 4.0], 8, 8.0), Ok([1, 3]));
         assert_eq!(band_bins([0.0, 3.5], 7, 7.0), Ok([1, 3]));
+        // The bin spacing 1/49 Hz is rounded.
+        assert_eq!(band_bins([10.0, 20.0], 98_000, 2000.0), Ok([490, 980]));
         assert_eq!(envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(), 3);
         assert_eq!(envelope(vec![0.0; 7], [0.0, 3.5], 7.0), [0.0; 3]);
     }

@@ -60,6 +60,12 @@ impl Spectrum {
     }
 }
 
+/// Returns the position in bins of a frequency in the spectrum of `samples` samples. It is a whole number at
+/// a bin's frequency, which a quotient by the rounded bin spacing often misses.
+pub(super) fn position_of(frequency_hz: f64, samples: usize, sample_rate_hz: f64) -> f64 {
+    frequency_hz * samples as f64 / sample_rate_hz
+}
+
 /// Computes the amplitudes under the Hann window from the `bins` of the unwindowed transform of `length`
 /// samples.
 ///

@@ -2,6 +2,7 @@
 
 use super::band::{BandQuantity, rms_between};
 use super::not_computed::NotComputed;
+use super::spectrum::position_of;
 
 /// Name of the indicator.
 pub const VELOCITY_RMS: &str = "velocity_rms";
@@ -17,11 +18,15 @@ const MIN_BINS: f64 = 2.0;
 pub(super) fn velocity_rms(
     amplitude: &[f64],
     samples: usize,
-    resolution_hz: f64,
+    sample_rate_hz: f64,
     unit: &str,
 ) -> Result<f64, NotComputed> {
-    let value = rms_between(BAND_HZ, BandQuantity::Velocity, amplitude, samples, resolution_hz, unit)?;
-    if BAND_HZ[0] < MIN_BINS * resolution_hz { Err(NotComputed::TooShort) } else { Ok(value) }
+    let value = rms_between(BAND_HZ, BandQuantity::Velocity, amplitude, samples, sample_rate_hz, unit)?;
+    if position_of(BAND_HZ[0], samples, sample_rate_hz) < MIN_BINS {
+        Err(NotComputed::TooShort)
+    } else {
+        Ok(value)
+    }
 }
 
 #[cfg(test)]
@@ -66,6 +71,8 @@ mod tests {
         assert!(of("m/s2", 4000.0, 800).is_ok());
         assert_eq!(of("V", 4000.0, 4000), Err(NotComputed::NotAcceleration));
         assert_eq!(of("g", 1900.0, 4000), Err(NotComputed::AboveNyquist));
+        // The band ends at half the sampling rate, whatever the rounding of the bin spacing.
+        assert!(of("g", 2000.0, 7800).is_ok());
         assert_eq!(of("g", 4000.0, 796), Err(NotComputed::TooShort));
         assert_eq!(value("g", 4000.0, vec![1.0; 4000]), Err(NotComputed::Constant));
     }
