@@ -78,13 +78,11 @@ impl Analyzer {
             quality: record.quality(),
             shaft_angle: None,
         };
-        let mut clipped = record.quality().clipped;
         if gear_indicators {
-            clipped |= matches!(angle_record, Err(NotComputed::Clipped));
             basis.preprocessing = Name::new_static(BOTH_PREPROCESSING);
             basis.shaft_angle = self.insert_gear_indicators(mesh, &angle_record, &mut analysis.indicators);
         }
-        if clipped {
+        if record.quality().clipped || analysis.features.fault == Some(NotComputed::Clipped) {
             for name in INVALID_WHEN_CLIPPED {
                 analysis.indicators.values.remove(name);
                 analysis.indicators.insert(name, Err(NotComputed::Clipped));
@@ -98,7 +96,40 @@ impl Analyzer {
 
 #[cfg(test)]
 mod tests {
+    use jiff::Timestamp;
+
+    use super::super::{AnalysisSettings, Record};
     use super::*;
+
+    #[test]
+    fn a_clipped_record_has_no_peak_whatever_else_is_computed() {
+        let samples = |limit: f32| (0..8000).map(|n| (0.7 * n as f32).sin().clamp(-limit, limit)).collect();
+        for mesh in [MeshContext::unknown(), MeshContext::at_exact_speed([20, 0], 10.0)] {
+            for gear_indicators in [false, true] {
+                let settings = ConditionSettings {
+                    mesh,
+                    bands: &[],
+                    gear_indicators,
+                    bearings: BearingSettings::default(),
+                };
+                let condition = |limit: f32| {
+                    let record =
+                        Record::new("1", Timestamp::UNIX_EPOCH, 8000.0, "g", samples(limit)).unwrap();
+                    Analyzer::new(AnalysisSettings::default())
+                        .condition(&record, &settings)
+                        .analysis
+                        .indicators
+                };
+                let (whole, clipped) = (condition(1.0), condition(0.6));
+                for name in INVALID_WHEN_CLIPPED {
+                    assert!(whole.get(name).is_some(), "{name}");
+                    assert_eq!(clipped.get(name), None, "{name}");
+                    assert_eq!(clipped.absent[name], NotComputed::Clipped, "{name}");
+                }
+                assert!(clipped.get("rms").is_some());
+            }
+        }
+    }
 
     #[test]
     fn one_text_has_both_methods() {
