@@ -49,15 +49,15 @@ impl WavFormat {
     }
 
     /// Reads the header of a WAV that is still being written, up to its first sample. Returns the declared
-    /// bytes of samples, or `None` if their number is open: programs that write to a pipe declare nothing or
-    /// the maximum.
+    /// bytes of samples, or `None` if their number is open, as programs that write to a pipe declare nothing
+    /// or the maximum; and the position of the first sample.
     ///
     /// # Errors
     /// A header that is not a WAV recording's, or samples in an unsupported format.
-    pub fn read_open_ended(reader: &mut impl Read) -> Result<(Self, Option<u64>), RecordingError> {
+    pub fn read_open_ended(reader: &mut impl Read) -> Result<(Self, Option<u64>, u64), RecordingError> {
         let header = WavHeader::read_any_length(reader)?;
         let declared = header.data_bytes.filter(|bytes| (1..OPEN_LENGTH).contains(bytes));
-        Ok((header.format, declared))
+        Ok((header.format, declared, header.data_start))
     }
 }
 

@@ -44,6 +44,8 @@ pub(super) struct Source {
     format: StreamFormat,
     /// Format of a WAV whose samples are converted before they are sent.
     converted: Option<WavSamples>,
+    /// Position of the first sample.
+    begin: u64,
     /// Bytes not read yet, where their number is known.
     remaining: Option<u64>,
     /// Whether to wait at the end of the file for it to grow.
@@ -63,12 +65,13 @@ impl Source {
             "-" => Box::new(io::stdin()),
             path => Box::new(File::open(path).map_err(CliError::io(Path::new(path)))?),
         };
-        let (mut converted, mut remaining) = (None, None);
+        let (mut converted, mut begin, mut remaining) = (None, 0, None);
         let format = match format {
             Some(format) => format,
             None => {
                 let failed = |source| CliError::Recording { path: path.into(), source };
-                let (wav, declared) = WavFormat::read_open_ended(&mut reader).map_err(failed)?;
+                let (wav, declared, data_start) = WavFormat::read_open_ended(&mut reader).map_err(failed)?;
+                begin = data_start;
                 remaining = declared.filter(|_| !is_followed);
                 let (sample, is_same) = match (wav.float, wav.bits, wav.container) {
                     (false, 16, 2) => (RawSample::I16, !wav.big_endian),
@@ -82,24 +85,17 @@ impl Source {
             }
         };
         let name = if path == "-" { "standard input" } else { path }.to_owned();
-        Ok(Self { reader, name, format, converted, remaining, is_followed, stop })
+        Ok(Self { reader, name, format, converted, begin, remaining, is_followed, stop })
     }
 
     /// Skips frames of a file.
     pub(super) fn skip(&mut self, path: &str, frames: u64) -> Result<(), CliError> {
         let bytes = frames.saturating_mul(self.read_frame_bytes() as u64);
-        let failed = CliError::io(Path::new(path));
-        let skipped = (|| {
-            // The header is read already: reading the rest of the file tells where the samples begin.
-            let mut file = File::open(path)?;
-            let length = file.metadata()?.len();
-            let begin = length - io::copy(&mut self.reader, &mut io::sink())?;
-            file.seek(SeekFrom::Start(begin + bytes))?;
-            self.reader = Box::new(file);
-            Ok(())
-        })();
+        let place = SeekFrom::Start(self.begin.saturating_add(bytes));
+        let file = File::open(path).and_then(|mut file| file.seek(place).map(|_| file));
+        self.reader = Box::new(file.map_err(CliError::io(Path::new(path)))?);
         self.remaining = self.remaining.map(|remaining| remaining.saturating_sub(bytes));
-        skipped.map_err(failed)
+        Ok(())
     }
 
     /// Size of a frame in the source.
@@ -145,5 +141,30 @@ impl SampleSource for Source {
             None => bytes,
         };
         Ok(Some(SourceBlock { lost: 0, time, bytes }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 24 bits in the lower bytes of 4, as `arecord -f S24_LE` writes them.
+    #[test]
+    fn a_file_continues_behind_the_skipped_frames() {
+        let mut wav =
+            b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x01\0\x01\0\x40\x1f\0\0\0\x7d\0\0\x04\0\x18\0".to_vec();
+        wav.extend_from_slice(b"data\0\0\0\0");
+        for sample in [1_i32, 0x20_0000, -0x40_0000, 0x40_0000] {
+            wav.extend_from_slice(&sample.to_le_bytes());
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.wav");
+        std::fs::write(&path, wav).unwrap();
+        let path = path.to_str().unwrap();
+        let mut source = Source::open(path, None, false, Arc::default()).unwrap();
+        source.skip(path, 1).unwrap();
+        let block = source.next().unwrap().unwrap();
+        assert_eq!(source.format().values(&block.bytes).collect::<Vec<_>>(), [0.25, -0.5, 0.5]);
+        assert!(source.next().unwrap().is_none());
     }
 }
