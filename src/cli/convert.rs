@@ -166,8 +166,8 @@ fn write_mcap(
             writer.write(&topic, &record).map_err(output)?;
             records += 1;
             progress.set_read(blocks.frames().bytes_read());
-            next_start = next_start.max(record.end_time());
         }
+        next_start = next_start.max(blocks.end_time());
     }
     let mut inner = writer.finish().map_err(output)?;
     inner.flush().map_err(|error| output(error.into()))?;

@@ -118,6 +118,7 @@ impl Sender<'_> {
             self.send(&recorded, progress)?;
             progress.set_read(file.bytes_read());
         }
+        *next_start = file.end_time().map_or(*next_start, |end| end.max(*next_start));
         Ok(())
     }
 

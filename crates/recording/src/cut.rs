@@ -91,6 +91,8 @@ struct Cutter {
     scale: Option<f64>,
     frames: usize,
     first_frame: u64,
+    /// Number of frames added so far.
+    added: u64,
     columns: Vec<Vec<f32>>,
 }
 
@@ -110,11 +112,13 @@ impl Cutter {
             scale: defaults.scale,
             frames: plan.frames,
             first_frame: 0,
+            added: 0,
         }
     }
 
     /// Adds one frame; returns true when the records are complete and must be taken.
     fn push(&mut self, frame: &[f32]) -> bool {
+        self.added += 1;
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
             column.push(match self.scale {
                 None => sample,
@@ -122,6 +126,11 @@ impl Cutter {
             });
         }
         self.columns.first().is_some_and(|column| column.len() >= self.frames)
+    }
+
+    /// Returns the time of a frame.
+    fn time_of(&self, frame: u64) -> Result<Timestamp, RecordingError> {
+        time_after(self.start_time, frame as f64 / self.sample_rate_hz)
     }
 
     /// Takes the collected frames as one record per channel. Returns nothing if there are none, except for an
@@ -136,7 +145,7 @@ impl Cutter {
         let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
         let first_sample = self.first_frame;
         self.first_frame += frames as u64;
-        let start_time = match time_after(self.start_time, first_sample as f64 / self.sample_rate_hz) {
+        let start_time = match self.time_of(first_sample) {
             Ok(time) => time,
             Err(error) => return vec![Err(error)],
         };
@@ -206,6 +215,12 @@ impl<F: Frames> RecordBlocks<F> {
         let cutter = Cutter::new(info, defaults, plan);
         let frame = vec![0.0; info.channels.len()];
         Self { frames, cutter, plan, frame, ready: VecDeque::new(), ended: false }
+    }
+
+    /// Returns the time after the last frame read so far, which may belong to a dropped remainder; at most
+    /// the last one that can be represented.
+    pub fn end_time(&self) -> Timestamp {
+        self.cutter.time_of(self.cutter.added).unwrap_or(Timestamp::MAX)
     }
 
     /// Returns the length of the records in seconds if a long recording is cut by default.
@@ -300,6 +315,20 @@ mod tests {
         // What is not cut is whole, however short.
         assert_eq!(lengths(2, five), [2]);
         assert_eq!(lengths(2, None), [2]);
+    }
+
+    #[test]
+    fn a_recording_ends_after_its_dropped_remainder() {
+        let mut wav = std::io::Cursor::new(Vec::new());
+        let mut writer = crate::WavWriter::new(&mut wav, 1, 8.0).unwrap();
+        (0..12).for_each(|k| writer.write_frame(&[k as f32]).unwrap());
+        writer.finish().unwrap();
+        let frames = crate::WavFrames::new(&wav.get_ref()[..], wav.get_ref().len() as u64).unwrap();
+        let mut blocks =
+            RecordBlocks::new(frames, &RecordDefaults::default(), Some(Cut::Samples(5))).unwrap();
+        let ends: Vec<Timestamp> = blocks.by_ref().map(|record| record.unwrap().end_time()).collect();
+        assert_eq!(ends.last().unwrap().as_millisecond(), 1250);
+        assert_eq!(blocks.end_time().as_millisecond(), 1500);
     }
 
     #[test]

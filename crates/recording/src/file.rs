@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
+use jiff::Timestamp;
 
 use super::mat::MAX_BYTES;
 use super::{
@@ -110,6 +111,15 @@ impl RecordingFile {
     /// Returns the file's format.
     pub fn format(&self) -> Format {
         self.format
+    }
+
+    /// Returns the time after the last sample read so far, which may belong to a dropped remainder; `None`
+    /// for MCAP.
+    pub fn end_time(&self) -> Option<Timestamp> {
+        match &self.records {
+            Records::Cut(blocks) => Some(blocks.end_time()),
+            Records::Mcap(_) => None,
+        }
     }
 
     /// Returns the length in seconds of the records if a long file is cut by default.

@@ -60,7 +60,7 @@ impl<'a> Analysis<'a> {
     }
 
     /// Analyses every record of a file; a recording without a time starts at `next_start`, which moves to the
-    /// end of the file's last record.
+    /// end of the file.
     pub(super) fn analyze_file(
         &mut self,
         path: &Path,
@@ -95,6 +95,7 @@ impl<'a> Analysis<'a> {
             self.analyze_record(path, recorded);
             progress.set_read(file.bytes_read());
         }
+        *next_start = file.end_time().map_or(*next_start, |end| end.max(*next_start));
         Ok(())
     }
 
