@@ -9,6 +9,7 @@ mod mark;
 mod notes;
 mod quarantine;
 
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -33,14 +34,57 @@ const WRITE_PROBE: &str = "probes/write";
 /// async one.
 #[derive(Debug)]
 pub struct Objects {
-    backend: Backend,
+    backend: Box<dyn Backend>,
 }
 
-#[derive(Debug)]
-enum Backend {
-    Folder(folder::Folder),
-    #[cfg(feature = "s3")]
-    Bucket(bucket::Bucket),
+/// What holds the objects, and files beside them, by path.
+trait Backend: fmt::Debug + Send + Sync {
+    /// The path of an object.
+    fn object_path(&self, name: &str) -> String;
+
+    /// Stores every object, and a note beside them; bytes and names are durable once this returns.
+    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError>;
+
+    /// Checks that there is free space for a small record.
+    fn check_free_space(&self) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// The first bytes of the names of existing objects and notes, in order; all bytes if they are unknown.
+    fn shards(&self) -> Result<Vec<u8>, StoreError> {
+        Ok((0..=u8::MAX).collect())
+    }
+
+    /// Lists the objects whose names start with this byte.
+    fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError>;
+
+    /// Removes all pieces of an upload.
+    fn remove_pieces(&self, upload: &str) -> Result<(), StoreError>;
+
+    /// Lists the uploads that have pieces.
+    fn uploads(&self) -> Result<Vec<String>, StoreError>;
+
+    /// Writes a file; bytes and name are durable once this returns.
+    fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError>;
+
+    /// Writes a file unless the path exists; returns whether it was written.
+    fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError>;
+
+    /// Reads a file; returns `None` if it does not exist.
+    fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError>;
+
+    /// The size of a file and when it was last written, by the clock of the object store; `None` if it does
+    /// not exist.
+    fn metadata(&self, path: &str) -> Result<Option<(u64, Timestamp)>, StoreError>;
+
+    /// Lists all files under a path, including those in subfolders.
+    fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError>;
+
+    /// Moves a file; a missing file is no error.
+    fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError>;
+
+    /// Removes a file; a missing file is no error.
+    fn remove_file(&self, path: &str) -> Result<(), StoreError>;
 }
 
 /// An entry in a list of objects.
@@ -69,24 +113,22 @@ impl Objects {
 
     /// Opens a folder on the given disk.
     pub(super) fn open_on(folder: impl Into<PathBuf>, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
-        Ok(Self { backend: Backend::Folder(folder::Folder::open(folder.into(), disk)?) })
+        Ok(Self { backend: Box::new(folder::Folder::open(folder.into(), disk)?) })
     }
 
     /// Opens an existing folder without removing unfinished files, which another process may be writing.
     pub(super) fn open_to_read(folder: impl Into<PathBuf>) -> Self {
-        Self { backend: Backend::Folder(folder::Folder::open_to_read(folder.into())) }
+        Self { backend: Box::new(folder::Folder::open_to_read(folder.into())) }
     }
 
     /// Opens objects that other processes write to as well. Must be called inside a Tokio runtime, which
     /// performs the requests to a bucket.
     #[cfg(feature = "postgres")]
     pub(super) fn open_shared(settings: &super::ObjectsSettings) -> Result<Self, StoreError> {
-        let backend = match settings {
-            super::ObjectsSettings::Folder(folder) => {
-                Backend::Folder(folder::Folder::open_shared(folder.clone())?)
-            }
+        let backend: Box<dyn Backend> = match settings {
+            super::ObjectsSettings::Folder(folder) => Box::new(folder::Folder::open_shared(folder.clone())?),
             #[cfg(feature = "s3")]
-            super::ObjectsSettings::Bucket(bucket) => Backend::Bucket(bucket::Bucket::open(bucket)?),
+            super::ObjectsSettings::Bucket(bucket) => Box::new(bucket::Bucket::open(bucket)?),
         };
         Ok(Self { backend })
     }
@@ -101,186 +143,90 @@ impl Objects {
     /// Stores every object under its [`name`](Self::name), with the note needed to decode `records` from
     /// them; bytes and names are durable once this returns.
     pub fn put_all(&self, objects: &[(String, Bytes)], records: &[RecordNote]) -> Result<(), StoreError> {
-        let note = self.note_of(records)?;
-        match &self.backend {
-            Backend::Folder(folder) => folder.put_all(objects, note),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.put_all(objects, note),
-        }
+        self.backend.put_all(objects, self.note_of(records)?)
     }
 
     /// Reads an object and checks its bytes against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = self.file(&self.object_path(name))?;
+        let bytes = self.backend.file(&self.backend.object_path(name))?;
         whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
-    /// Checks that an object exists with this number of bytes. Its bytes are read only if its size differs;
-    /// in a bucket only its existence is checked.
+    /// Checks that an object exists with this number of bytes. Its bytes are read only if its size differs.
     pub(super) fn check_size(&self, name: &str, bytes: u64) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => match folder.size(name)? {
-                None => Err(StoreError::ObjectMissing(name.to_owned())),
-                Some(found) if found == bytes => Ok(()),
-                Some(_) => self.get(name).map(|_| ()),
-            },
-            #[cfg(feature = "s3")]
-            Backend::Bucket(_) => match self.written_at(name)? {
-                None => Err(StoreError::ObjectMissing(name.to_owned())),
-                Some(_) => Ok(()),
-            },
+        match self.backend.metadata(&self.backend.object_path(name))? {
+            None => Err(StoreError::ObjectMissing(name.to_owned())),
+            Some((found, _)) if found == bytes => Ok(()),
+            Some(_) => self.get(name).map(|_| ()),
         }
     }
 
     /// Checks that there is free space for a small record; always succeeds for a bucket.
     pub fn check_free_space(&self) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.check_free_space(),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(_) => Ok(()),
-        }
+        self.backend.check_free_space()
     }
 
     /// Checks that a file can be written beside the objects.
     pub fn check_writable(&self) -> Result<(), StoreError> {
-        self.put_file(WRITE_PROBE, Bytes::new())
+        self.backend.put_file(WRITE_PROBE, Bytes::new())
     }
 
     /// Removes an object; a missing object is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
-        self.remove_file(&self.object_path(name))
+        self.backend.remove_file(&self.backend.object_path(name))
     }
 
     /// When an object was last written; `None` if it does not exist.
     pub fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
-        self.file_written_at(&self.object_path(name))
+        self.file_written_at(&self.backend.object_path(name))
+    }
+
+    fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
+        Ok(self.backend.metadata(path)?.map(|(_, written_at)| written_at))
     }
 
     /// Stores the file of a library under its name, shared by all processes.
     pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
-        self.put_file(&library_path(id), bytes)
+        self.backend.put_file(&library_path(id), bytes)
     }
 
     /// Reads the shared file of a library; `None` if it does not exist.
     pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
-        self.file(&library_path(id))
+        self.backend.file(&library_path(id))
     }
 
     /// Stores a piece of an upload and returns its name, which is the hash of its bytes; durable once this
     /// returns.
     pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
         let name = Self::name(&bytes);
-        self.put_file(&piece_path(upload, &name), bytes)?;
+        self.backend.put_file(&piece_path(upload, &name), bytes)?;
         Ok(name)
     }
 
     /// Reads a piece of an upload and checks its bytes against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = self.file(&piece_path(upload, name))?;
+        let bytes = self.backend.file(&piece_path(upload, name))?;
         whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
     /// Removes all pieces of an upload.
     pub fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.remove_pieces(upload),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.remove_pieces(upload),
-        }
+        self.backend.remove_pieces(upload)
     }
 
     /// Lists the uploads that have pieces.
     pub fn uploads(&self) -> Result<Vec<String>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.uploads(),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.uploads(),
-        }
+        self.backend.uploads()
     }
 
     /// The first bytes of the names of existing objects and notes, in order; in a bucket all bytes.
     pub fn shards(&self) -> Result<Vec<u8>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.shards(),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(_) => Ok((0..=u8::MAX).collect()),
-        }
+        self.backend.shards()
     }
 
     /// Lists the objects whose names start with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.list(shard),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.list(shard),
-        }
-    }
-}
-
-/// Files by path: objects, and the files beside them.
-impl Objects {
-    fn object_path(&self, name: &str) -> String {
-        match &self.backend {
-            Backend::Folder(_) => folder::Folder::object_path(name),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(_) => bucket::Bucket::object_path(name),
-        }
-    }
-
-    fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.put_file(path, &bytes),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.put_file(path, bytes),
-        }
-    }
-
-    fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.create_file(path, &bytes),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.create_file(path, bytes),
-        }
-    }
-
-    fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.file(path),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.file(path),
-        }
-    }
-
-    fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.file_written_at(path),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.file_written_at(path),
-        }
-    }
-
-    fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.files(under),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.files(under),
-        }
-    }
-
-    fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.move_file(from, to),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.move_file(from, to),
-        }
-    }
-
-    fn remove_file(&self, path: &str) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.remove_file(path),
-            #[cfg(feature = "s3")]
-            Backend::Bucket(bucket) => bucket.remove_file(path),
-        }
+        self.backend.list(shard)
     }
 }
 

@@ -12,7 +12,7 @@ use object_store::path::Path;
 use object_store::{BackoffConfig, ClientOptions, Error, ObjectStore, ObjectStoreExt, PutMode, RetryConfig};
 use tokio::runtime::Handle;
 
-use super::{ListedFile, ListedObject, StoreError, is_name};
+use super::{Backend, ListedFile, ListedObject, StoreError, is_name};
 use crate::store::BucketSettings;
 
 /// Maximum number of concurrent requests of one call.
@@ -69,130 +69,6 @@ impl Bucket {
         })
     }
 
-    /// Stores every object. An existing one is written again to reset its age, so that it is not removed as
-    /// an old orphan before its results are committed.
-    pub(super) fn put_all(
-        &self,
-        objects: &[(String, Bytes)],
-        note: Option<(String, Bytes)>,
-    ) -> Result<(), StoreError> {
-        let objects = objects.iter().map(|(name, bytes)| (Self::object_path(name), bytes.clone()));
-        let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
-        self.runtime.block_on(async {
-            let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
-            while let Some(put) = puts.next().await {
-                put?;
-            }
-            Ok(())
-        })
-    }
-
-    /// Lists the objects whose names start with this byte.
-    pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
-        let folder = format!("{}raw/{shard:02x}", self.prefix);
-        let listed = self.store.list(Some(&Path::from(folder.as_str())));
-        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
-        let listed = listed.map_err(|error| bucket_error("list", &folder, error))?;
-        let object = |found: object_store::ObjectMeta| {
-            let name = found.location.filename().filter(|name| is_name(name))?;
-            Some(ListedObject { name: name.to_owned(), bytes: found.size, written_at: timestamp(&found) })
-        };
-        Ok(listed.into_iter().filter_map(object).collect())
-    }
-
-    /// Writes a file under a path; durable once this returns.
-    pub(super) fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
-        self.runtime.block_on(self.put(self.at(path), bytes))
-    }
-
-    /// Writes a file unless the path exists; returns whether it was written.
-    pub(super) fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
-        let path = self.at(path);
-        let created = self.store.put_opts(&path, bytes.into(), PutMode::Create.into());
-        match self.runtime.block_on(created) {
-            Ok(_) => Ok(true),
-            Err(Error::AlreadyExists { .. }) => Ok(false),
-            Err(error) => Err(bucket_error("store", path.as_ref(), error)),
-        }
-    }
-
-    /// Reads a file; returns `None` if it does not exist.
-    pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
-        self.runtime.block_on(self.fetch(self.at(path)))
-    }
-
-    /// When a file was last written, by the clock of the object store; `None` if it does not exist.
-    pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
-        let path = self.at(path);
-        match self.runtime.block_on(self.store.head(&path)) {
-            Ok(found) => Ok(Some(timestamp(&found))),
-            Err(Error::NotFound { .. }) => Ok(None),
-            Err(error) => Err(bucket_error("read the metadata of", path.as_ref(), error)),
-        }
-    }
-
-    /// Lists all files under a path.
-    pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
-        let listed = self.store.list(Some(&self.at(under)));
-        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
-        let listed = listed.map_err(|error| bucket_error("list", under, error))?;
-        let file = |found: object_store::ObjectMeta| {
-            Some(ListedFile {
-                path: found.location.as_ref().strip_prefix(&self.prefix)?.to_owned(),
-                bytes: found.size,
-            })
-        };
-        Ok(listed.into_iter().filter_map(file).collect())
-    }
-
-    /// Moves a file; a missing file is no error.
-    pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
-        // The copy is written before the original is removed.
-        match self.runtime.block_on(self.store.copy(&self.at(from), &self.at(to))) {
-            Ok(()) => self.remove_file(from),
-            Err(Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(bucket_error("move", from, error)),
-        }
-    }
-
-    /// Removes a file; a missing file is no error.
-    pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
-        match self.runtime.block_on(self.store.delete(&self.at(path))) {
-            Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(bucket_error("remove", path, error)),
-        }
-    }
-
-    /// The path of an object.
-    pub(super) fn object_path(name: &str) -> String {
-        format!("raw/{}/{name}", name.get(..2).unwrap_or("xx"))
-    }
-
-    /// Removes all pieces of an upload.
-    pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
-        let folder = Path::from(format!("{}uploads/{upload}", self.prefix));
-        let failed = |error| bucket_error("remove", folder.as_ref(), error);
-        self.runtime.block_on(async {
-            let listed: Vec<_> = self.store.list(Some(&folder)).try_collect().await.map_err(failed)?;
-            for piece in listed {
-                match self.store.delete(&piece.location).await {
-                    Ok(()) | Err(Error::NotFound { .. }) => {}
-                    Err(error) => return Err(failed(error)),
-                }
-            }
-            Ok(())
-        })
-    }
-
-    /// Lists the uploads that have pieces.
-    pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
-        let folder = Path::from(format!("{}uploads", self.prefix));
-        let listed = self.runtime.block_on(self.store.list_with_delimiter(Some(&folder)));
-        let listed = listed.map_err(|error| bucket_error("list", folder.as_ref(), error))?;
-        let names = listed.common_prefixes.iter().filter_map(|upload| upload.filename());
-        Ok(names.map(str::to_owned).collect())
-    }
-
     async fn put(&self, path: Path, bytes: Bytes) -> Result<(), StoreError> {
         let put = self.store.put(&path, bytes.into()).await;
         put.map(|_| ()).map_err(|error| bucket_error("store", path.as_ref(), error))
@@ -217,6 +93,117 @@ impl Bucket {
 
     fn at(&self, path: &str) -> Path {
         Path::from(format!("{}{path}", self.prefix))
+    }
+}
+
+impl Backend for Bucket {
+    /// An existing object is written again to reset its age, so that it is not removed as
+    /// an old orphan before its results are committed.
+    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
+        let objects = objects.iter().map(|(name, bytes)| (self.object_path(name), bytes.clone()));
+        let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
+        self.runtime.block_on(async {
+            let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
+            while let Some(put) = puts.next().await {
+                put?;
+            }
+            Ok(())
+        })
+    }
+
+    fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
+        let folder = format!("{}raw/{shard:02x}", self.prefix);
+        let listed = self.store.list(Some(&Path::from(folder.as_str())));
+        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
+        let listed = listed.map_err(|error| bucket_error("list", &folder, error))?;
+        let object = |found: object_store::ObjectMeta| {
+            let name = found.location.filename().filter(|name| is_name(name))?;
+            Some(ListedObject { name: name.to_owned(), bytes: found.size, written_at: timestamp(&found) })
+        };
+        Ok(listed.into_iter().filter_map(object).collect())
+    }
+
+    fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
+        self.runtime.block_on(self.put(self.at(path), bytes))
+    }
+
+    fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
+        let path = self.at(path);
+        let created = self.store.put_opts(&path, bytes.into(), PutMode::Create.into());
+        match self.runtime.block_on(created) {
+            Ok(_) => Ok(true),
+            Err(Error::AlreadyExists { .. }) => Ok(false),
+            Err(error) => Err(bucket_error("store", path.as_ref(), error)),
+        }
+    }
+
+    fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
+        self.runtime.block_on(self.fetch(self.at(path)))
+    }
+
+    fn metadata(&self, path: &str) -> Result<Option<(u64, Timestamp)>, StoreError> {
+        let path = self.at(path);
+        match self.runtime.block_on(self.store.head(&path)) {
+            Ok(found) => Ok(Some((found.size, timestamp(&found)))),
+            Err(Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(bucket_error("read the metadata of", path.as_ref(), error)),
+        }
+    }
+
+    fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
+        let listed = self.store.list(Some(&self.at(under)));
+        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
+        let listed = listed.map_err(|error| bucket_error("list", under, error))?;
+        let file = |found: object_store::ObjectMeta| {
+            Some(ListedFile {
+                path: found.location.as_ref().strip_prefix(&self.prefix)?.to_owned(),
+                bytes: found.size,
+            })
+        };
+        Ok(listed.into_iter().filter_map(file).collect())
+    }
+
+    fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
+        // The copy is written before the original is removed.
+        match self.runtime.block_on(self.store.copy(&self.at(from), &self.at(to))) {
+            Ok(()) => self.remove_file(from),
+            Err(Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(bucket_error("move", from, error)),
+        }
+    }
+
+    fn remove_file(&self, path: &str) -> Result<(), StoreError> {
+        match self.runtime.block_on(self.store.delete(&self.at(path))) {
+            Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(bucket_error("remove", path, error)),
+        }
+    }
+
+    fn object_path(&self, name: &str) -> String {
+        format!("raw/{}/{name}", name.get(..2).unwrap_or("xx"))
+    }
+
+    fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
+        let folder = Path::from(format!("{}uploads/{upload}", self.prefix));
+        let failed = |error| bucket_error("remove", folder.as_ref(), error);
+        self.runtime.block_on(async {
+            let listed: Vec<_> = self.store.list(Some(&folder)).try_collect().await.map_err(failed)?;
+            for piece in listed {
+                match self.store.delete(&piece.location).await {
+                    Ok(()) | Err(Error::NotFound { .. }) => {}
+                    Err(error) => return Err(failed(error)),
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn uploads(&self) -> Result<Vec<String>, StoreError> {
+        let folder = Path::from(format!("{}uploads", self.prefix));
+        let listed = self.runtime.block_on(self.store.list_with_delimiter(Some(&folder)));
+        let listed = listed.map_err(|error| bucket_error("list", folder.as_ref(), error))?;
+        let names = listed.common_prefixes.iter().filter_map(|upload| upload.filename());
+        Ok(names.map(str::to_owned).collect())
     }
 }
 

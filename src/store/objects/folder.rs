@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bytes::Bytes;
 use jiff::Timestamp;
 
-use super::{Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_name};
+use super::{Backend, Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_name};
 
 /// Folder of the pieces of uploads.
 const UPLOADS: &str = "uploads";
@@ -89,15 +89,50 @@ impl Folder {
         Ok(opened)
     }
 
-    /// Stores every object, and a note beside them; bytes and names are durable once this returns. An object
-    /// that exists intact is not written again.
-    pub(super) fn put_all(
-        &self,
-        objects: &[(String, Bytes)],
-        note: Option<(String, Bytes)>,
-    ) -> Result<(), StoreError> {
+    /// Makes the names in a folder durable, and its own name in its parents.
+    fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
+        let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
+        for folder in inside {
+            self.sync_folder(folder)?;
+        }
+        Ok(())
+    }
+
+    fn sync_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))
+    }
+
+    fn create_folder(&self, folder: &Path) -> Result<(), StoreError> {
+        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))
+    }
+
+    fn durable(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
+        self.durable.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+        let temporary = self.write_temporary(bytes)?;
+        self.disk.rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
+    }
+
+    /// Writes bytes durably to a temporary file.
+    fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
+        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
+        if let Err(source) = self.disk.write_synced(&temporary, bytes) {
+            // A full disk must not also keep the partial file.
+            let _ = self.disk.remove_file(&temporary);
+            return Err(file_error("write", &temporary, source));
+        }
+        Ok(temporary)
+    }
+}
+
+impl Backend for Folder {
+    /// An object that exists intact is not written again.
+    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
-        let files = objects.iter().map(|(name, bytes)| (self.path(name), bytes, true));
+        let files =
+            objects.iter().map(|(name, bytes)| (self.folder.join(self.object_path(name)), bytes, true));
         let note = note.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
         for (path, bytes, is_object) in files.chain(note) {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
@@ -122,14 +157,7 @@ impl Folder {
         Ok(())
     }
 
-    /// The size of an object; `None` if it does not exist.
-    pub(super) fn size(&self, name: &str) -> Result<Option<u64>, StoreError> {
-        let path = self.path(name);
-        Ok(if_exists("read the metadata of", &path, fs::metadata(&path))?.map(|metadata| metadata.len()))
-    }
-
-    /// The first bytes of the names of existing objects and notes.
-    pub(super) fn shards(&self) -> Result<Vec<u8>, StoreError> {
+    fn shards(&self) -> Result<Vec<u8>, StoreError> {
         let names = entries(&self.folder)?;
         let mut found: Vec<u8> =
             names.iter().filter_map(|entry| shard_of(entry.file_name().to_str()?)).collect();
@@ -137,8 +165,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// Lists the objects whose names start with this byte.
-    pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
+    fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         let folder = self.folder.join(format!("{shard:02x}"));
         let listed = entries(&folder)?.into_iter().filter_map(|entry| {
             let name = entry.file_name().into_string().ok().filter(|name| is_name(name))?;
@@ -148,19 +175,17 @@ impl Folder {
         Ok(listed.collect())
     }
 
-    /// Writes a file under a path in the folder; bytes and name are durable once this returns.
-    pub(super) fn put_file(&self, path: &str, bytes: &[u8]) -> Result<(), StoreError> {
+    fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         let folder = path.parent().unwrap_or(&self.folder);
         self.create_folder(folder)?;
-        self.write(&path, bytes)?;
+        self.write(&path, &bytes)?;
         self.sync_up_from(folder)
     }
 
-    /// Writes a file unless the path exists; returns whether it was written.
-    pub(super) fn create_file(&self, path: &str, bytes: &[u8]) -> Result<bool, StoreError> {
+    fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
         let path = self.folder.join(path);
-        let temporary = self.write_temporary(bytes)?;
+        let temporary = self.write_temporary(&bytes)?;
         // Unlike a rename, a link does not replace an existing file.
         let linked = self.disk.link(&temporary, &path);
         let _ = self.disk.remove_file(&temporary);
@@ -171,20 +196,18 @@ impl Folder {
         }
     }
 
-    /// Reads a file; returns `None` if it does not exist.
-    pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
+    fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         let path = self.folder.join(path);
         Ok(if_exists("read", &path, self.disk.read(&path))?.map(Bytes::from))
     }
 
-    /// When a file was last written; `None` if it does not exist.
-    pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
+    fn metadata(&self, path: &str) -> Result<Option<(u64, Timestamp)>, StoreError> {
         let path = self.folder.join(path);
-        Ok(if_exists("read the metadata of", &path, fs::metadata(&path))?.as_ref().map(written_at))
+        let found = if_exists("read the metadata of", &path, fs::metadata(&path))?;
+        Ok(found.map(|metadata| (metadata.len(), written_at(&metadata))))
     }
 
-    /// Lists all files under a path, including those in subfolders.
-    pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
+    fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
         let mut found = Vec::new();
         let mut folders = vec![under.to_owned()];
         while let Some(folder) = folders.pop() {
@@ -204,8 +227,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// Moves a file; a missing file is no error.
-    pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
+    fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         let (from, to) = (self.folder.join(from), self.folder.join(to));
         let folder = to.parent().unwrap_or(&self.folder);
         self.create_folder(folder)?;
@@ -218,80 +240,31 @@ impl Folder {
         self.sync_up_from(folder)
     }
 
-    /// Removes a file; a missing file is no error.
-    pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
+    fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         if_exists("remove", &path, self.disk.remove_file(&path)).map(drop)
     }
 
-    /// The path of an object.
-    pub(super) fn object_path(name: &str) -> String {
+    fn object_path(&self, name: &str) -> String {
         format!("{}/{name}", name.get(..2).unwrap_or("xx"))
     }
 
-    /// Makes the names in a folder durable, and its own name in its parents.
-    fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
-        let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
-        for folder in inside {
-            self.sync_folder(folder)?;
-        }
-        Ok(())
-    }
-
-    fn sync_folder(&self, folder: &Path) -> Result<(), StoreError> {
-        self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))
-    }
-
-    fn create_folder(&self, folder: &Path) -> Result<(), StoreError> {
-        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))
-    }
-
-    /// Removes all pieces of an upload.
-    pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
-        let folder = self.pieces(upload);
+    fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
+        let folder = self.folder.join(UPLOADS).join(upload);
         if_exists("remove", &folder, self.disk.remove_folder(&folder)).map(drop)
     }
 
-    /// Lists the uploads that have pieces.
-    pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
+    fn uploads(&self) -> Result<Vec<String>, StoreError> {
         let entries = entries(&self.folder.join(UPLOADS))?;
         Ok(entries.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect())
     }
 
-    fn durable(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
-        self.durable.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn pieces(&self, upload: &str) -> PathBuf {
-        self.folder.join(UPLOADS).join(upload)
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(Self::object_path(name))
-    }
-
-    /// Checks that there is free space for a small record, by writing and removing a file.
-    pub(super) fn check_free_space(&self) -> Result<(), StoreError> {
+    /// Writes and removes a file.
+    fn check_free_space(&self) -> Result<(), StoreError> {
         let path = self.temporary.join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
         let written = fs::write(&path, vec![1_u8; PROBE_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
-    }
-
-    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-        let temporary = self.write_temporary(bytes)?;
-        self.disk.rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
-    }
-
-    /// Writes bytes durably to a temporary file.
-    fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
-        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
-        if let Err(source) = self.disk.write_synced(&temporary, bytes) {
-            // A full disk must not also keep the partial file.
-            let _ = self.disk.remove_file(&temporary);
-            return Err(file_error("write", &temporary, source));
-        }
-        Ok(temporary)
     }
 }
 

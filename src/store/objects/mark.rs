@@ -24,7 +24,7 @@ pub struct StoreMark {
 impl Objects {
     /// Reads the mark of the store to which the objects belong; `None` before it is written.
     pub fn mark(&self) -> Result<Option<StoreMark>, StoreError> {
-        let Some(bytes) = self.file(PATH)? else {
+        let Some(bytes) = self.backend.file(PATH)? else {
             return Ok(None);
         };
         let mark = serde_json::from_slice(&bytes).map_err(|source| StoreError::Damaged {
@@ -37,12 +37,12 @@ impl Objects {
 
     /// Writes the mark.
     pub fn set_mark(&self, mark: &StoreMark) -> Result<(), StoreError> {
-        self.put_file(PATH, json(mark)?)
+        self.backend.put_file(PATH, json(mark)?)
     }
 
     /// Writes the mark unless there is one; returns the resulting mark.
     pub fn mark_first(&self, mark: &StoreMark) -> Result<StoreMark, StoreError> {
-        self.create_file(PATH, json(mark)?)?;
+        self.backend.create_file(PATH, json(mark)?)?;
         Ok(self.mark()?.unwrap_or_else(|| mark.clone()))
     }
 
@@ -58,7 +58,7 @@ impl Objects {
 
     /// The time by the clock that dates the objects, which may not be that of this machine.
     pub fn time(&self) -> Result<Timestamp, StoreError> {
-        self.put_file(CLOCK, Bytes::new())?;
+        self.backend.put_file(CLOCK, Bytes::new())?;
         let written_at = self.file_written_at(CLOCK)?;
         written_at.ok_or_else(|| StoreError::ObjectMissing(CLOCK.to_owned()))
     }

@@ -78,7 +78,7 @@ impl Objects {
         // A retry with the same records gives the same note.
         let ids: Vec<&str> = records.iter().map(|record| record.id.0.as_str()).collect();
         let batch = Self::name(ids.join(" ").as_bytes());
-        let path = format!("{}.{}.json", self.object_path(&first.raw.sha256), &batch[..16]);
+        let path = format!("{}.{}.json", self.backend.object_path(&first.raw.sha256), &batch[..16]);
         Ok(Some((path.clone(), json(&path, &records)?)))
     }
 
@@ -118,7 +118,7 @@ impl Objects {
             self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
         for (path, names) in empty {
             if !names.iter().any(|name| kept.contains(name)) && !self.has_any(&names)? {
-                self.remove_file(&path)?;
+                self.backend.remove_file(&path)?;
             }
         }
         Ok(())
@@ -138,10 +138,10 @@ impl Objects {
     pub fn put_asset_note(&self, note: &AssetNote) -> Result<(), StoreError> {
         let path = asset_path(&note.spec.id);
         let bytes = json(&path, note)?;
-        if self.file(&path)?.is_some_and(|known| known == bytes) {
+        if self.backend.file(&path)?.is_some_and(|known| known == bytes) {
             return Ok(());
         }
-        self.put_file(&path, bytes)
+        self.backend.put_file(&path, bytes)
     }
 
     /// Reads the note of an asset; `None` if there is none.
@@ -151,7 +151,7 @@ impl Objects {
 
     /// Reads the notes of all assets.
     pub fn asset_notes(&self) -> Result<Vec<AssetNote>, StoreError> {
-        let notes = self.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
+        let notes = self.backend.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
         Ok(notes.collect::<Result<Vec<Option<AssetNote>>, _>>()?.into_iter().flatten().collect())
     }
 
@@ -162,12 +162,12 @@ impl Objects {
             paths.extend(self.note_paths(shard)?.into_iter().map(|(_, path)| path));
         }
         for folder in [ASSETS, REMOVED] {
-            paths.extend(self.files(folder)?.into_iter().map(|file| file.path));
+            paths.extend(self.backend.files(folder)?.into_iter().map(|file| file.path));
         }
         for path in paths {
-            let Some(bytes) = self.file(&path)? else { continue };
-            if to.file(&path)?.is_none() || (are_newer && path.starts_with(ASSETS)) {
-                to.put_file(&path, bytes)?;
+            let Some(bytes) = self.backend.file(&path)? else { continue };
+            if to.backend.file(&path)?.is_none() || (are_newer && path.starts_with(ASSETS)) {
+                to.backend.put_file(&path, bytes)?;
             }
         }
         Ok(())
@@ -182,9 +182,9 @@ impl Objects {
     ) -> Result<(), StoreError> {
         let mut kept: HashSet<String> = assets.iter().map(|id| format!("{ASSETS}/{id}.json")).collect();
         for folder in [ASSETS, REMOVED] {
-            kept.extend(of.files(folder)?.into_iter().map(|file| file.path));
-            for file in self.files(folder)?.into_iter().filter(|file| !kept.contains(&file.path)) {
-                self.remove_file(&file.path)?;
+            kept.extend(of.backend.files(folder)?.into_iter().map(|file| file.path));
+            for file in self.backend.files(folder)?.into_iter().filter(|file| !kept.contains(&file.path)) {
+                self.backend.remove_file(&file.path)?;
             }
         }
         Ok(())
@@ -194,12 +194,12 @@ impl Objects {
     pub fn put_removal(&self, removal: &RemovalNote) -> Result<(), StoreError> {
         let name = Self::name(&json(REMOVED, removal)?);
         let path = format!("{REMOVED}/{}.json", &name[..16]);
-        self.put_file(&path, json(&path, removal)?)
+        self.backend.put_file(&path, json(&path, removal)?)
     }
 
     /// Reads the notes of all removed records.
     pub fn removals(&self) -> Result<Vec<RemovalNote>, StoreError> {
-        let notes = self.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
+        let notes = self.backend.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
         Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
     }
 
@@ -209,7 +209,7 @@ impl Objects {
         restored: &HashSet<SegmentId>,
         is_old_enough: impl Fn(Timestamp) -> bool,
     ) -> Result<(), StoreError> {
-        for file in self.files(REMOVED)? {
+        for file in self.backend.files(REMOVED)? {
             let Some(note) = self.read::<RemovalNote>(&file.path)? else { continue };
             if !is_old_enough(note.removed_at) {
                 continue;
@@ -224,25 +224,25 @@ impl Objects {
             if !segments.is_empty() {
                 self.put_removal(&RemovalNote { removed_at, segments })?;
             }
-            self.remove_file(&file.path)?;
+            self.backend.remove_file(&file.path)?;
         }
         Ok(())
     }
 
     /// Removes the note of an asset.
     pub fn remove_asset_note(&self, id: &AssetId) -> Result<(), StoreError> {
-        self.remove_file(&asset_path(id))
+        self.backend.remove_file(&asset_path(id))
     }
 
     /// The paths of notes, each with the name of the object beside it.
     fn note_paths(&self, shard: u8) -> Result<Vec<(String, String)>, StoreError> {
-        let path = self.object_path(&format!("{shard:02x}"));
+        let path = self.backend.object_path(&format!("{shard:02x}"));
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
         let note = |path: String| {
             let name = path.strip_suffix(".json")?.rsplit('/').next()?.split('.').next()?;
             is_name(name).then(|| (name.to_owned(), path.clone()))
         };
-        let files = self.files(folder)?.into_iter();
+        let files = self.backend.files(folder)?.into_iter();
         Ok(files.filter_map(|file| note(file.path)).collect())
     }
 
@@ -254,7 +254,7 @@ impl Objects {
                 source,
             })
         };
-        self.file(path)?.map(read).transpose()
+        self.backend.file(path)?.map(read).transpose()
     }
 }
 

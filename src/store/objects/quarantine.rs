@@ -31,12 +31,12 @@ impl Quarantined {
 impl Objects {
     /// Moves an object into quarantine; a missing object is no error.
     pub fn quarantine(&self, name: &str, now: Timestamp) -> Result<(), StoreError> {
-        self.move_file(&self.object_path(name), &path(name, now))
+        self.backend.move_file(&self.backend.object_path(name), &path(name, now))
     }
 
     /// Lists the objects in quarantine, the oldest first.
     pub fn quarantined(&self) -> Result<Vec<Quarantined>, StoreError> {
-        let files = self.files(FOLDER)?;
+        let files = self.backend.files(FOLDER)?;
         let quarantined = files.into_iter().filter_map(|file| {
             let (date, name) = file.path.strip_prefix(FOLDER)?.strip_prefix('/')?.split_once('.')?;
             let since = DateTime::strptime(DATE, date).ok()?.to_zoned(TimeZone::UTC).ok()?;
@@ -53,7 +53,7 @@ impl Objects {
 
     /// Moves an object out of quarantine.
     pub fn release(&self, quarantined: &Quarantined) -> Result<(), StoreError> {
-        self.move_file(&quarantined.path(), &self.object_path(&quarantined.name))
+        self.backend.move_file(&quarantined.path(), &self.backend.object_path(&quarantined.name))
     }
 
     /// Removes objects that have been in quarantine for at least `kept_for`; returns the number of objects
@@ -63,7 +63,7 @@ impl Objects {
         for quarantined in self.quarantined()? {
             let age = now.duration_since(quarantined.since);
             if Duration::try_from(age).is_ok_and(|age| age >= kept_for) {
-                self.remove_file(&quarantined.path())?;
+                self.backend.remove_file(&quarantined.path())?;
                 count += 1;
                 bytes += quarantined.bytes;
             }
