@@ -1,16 +1,14 @@
 //! Results computed from records, as an MCAP recording that MCAP tools can plot.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
 use jiff::Timestamp;
 use mcap::Attachment;
-use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
 
 use super::RecordingError;
-use super::mcap_writer::{SampleIndex, mcap_time};
-use super::message::{DESCRIPTOR_SET, WAVEFORM_SCHEMA};
+use super::mcap_writer::{McapOptions, McapWriter, mcap_time};
 use flankwatch_signal::Record;
 
 /// Kinds of history messages; each is a schema of `proto/`.
@@ -24,8 +22,6 @@ pub enum HistoryKind {
     Wear,
     /// `flankwatch.v1.AlarmState`.
     Alarm,
-    /// `flankwatch.v1.WaveformBlock`.
-    Waveform,
 }
 
 impl HistoryKind {
@@ -35,7 +31,6 @@ impl HistoryKind {
             Self::Spectrum => "flankwatch.v1.Spectrum",
             Self::Wear => "flankwatch.v1.WearEstimate",
             Self::Alarm => "flankwatch.v1.AlarmState",
-            Self::Waveform => WAVEFORM_SCHEMA,
         }
     }
 
@@ -45,7 +40,6 @@ impl HistoryKind {
             Self::Spectrum => "spectrum",
             Self::Wear => "wear",
             Self::Alarm => "alarm",
-            Self::Waveform => "waveform",
         };
         format!("{base}/{name}")
     }
@@ -53,24 +47,13 @@ impl HistoryKind {
 
 /// Writes messages in chunks compressed with zstd, with a summary.
 pub struct HistoryWriter<W: Write + Seek> {
-    inner: mcap::Writer<W>,
-    /// Channel id and number of messages by topic.
-    topics: HashMap<String, (u16, u32)>,
-    /// Sample index by topic base.
-    waveforms: HashMap<String, SampleIndex>,
+    inner: McapWriter<W>,
 }
 
 impl<W: Write + Seek> HistoryWriter<W> {
     /// Starts a recording.
     pub fn new(writer: W) -> Result<Self, RecordingError> {
-        let inner = mcap::WriteOptions::new()
-            .library(concat!("flankwatch/", env!("CARGO_PKG_VERSION")))
-            .compression(Some(mcap::Compression::Zstd))
-            // Compressing in the calling thread gives the same bytes on every machine.
-            .compression_threads(0)
-            .create(writer)
-            .map_err(RecordingError::McapWrite)?;
-        Ok(Self { inner, topics: HashMap::new(), waveforms: HashMap::new() })
+        Ok(Self { inner: McapWriter::new(writer, McapOptions::default())? })
     }
 
     /// Writes a result computed from the record that starts at `start_time` and was received at
@@ -83,24 +66,7 @@ impl<W: Write + Seek> HistoryWriter<W> {
         received_at: Timestamp,
         message: &impl Message,
     ) -> Result<(), RecordingError> {
-        let (publish_time, log_time) =
-            (mcap_time("start_time", start_time)?, mcap_time("received_at", received_at)?);
-        let topic = kind.topic(base);
-        let (channel_id, sequence) = match self.topics.get_mut(&topic) {
-            Some(topic_state) => topic_state,
-            None => {
-                let schema = self.inner.add_schema(kind.schema(), "protobuf", DESCRIPTOR_SET);
-                let schema = schema.map_err(RecordingError::McapWrite)?;
-                let channel = self.inner.add_channel(schema, &topic, "protobuf", &BTreeMap::new());
-                let channel = channel.map_err(RecordingError::McapWrite)?;
-                self.topics.entry(topic).or_insert((channel, 0))
-            }
-        };
-        *sequence = sequence.wrapping_add(1);
-        let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time, publish_time };
-        self.inner
-            .write_to_known_channel(&header, &message.encode_to_vec())
-            .map_err(RecordingError::McapWrite)
+        self.inner.write_message(&kind.topic(base), kind.schema(), start_time, received_at, message)
     }
 
     /// Writes a record itself, in the format of [`McapWriter`](super::McapWriter), so that it can be read
@@ -111,15 +77,12 @@ impl<W: Write + Seek> HistoryWriter<W> {
         record: &Record,
         received_at: Timestamp,
     ) -> Result<(), RecordingError> {
-        let index = self.waveforms.entry(base.to_owned()).or_insert_with(|| SampleIndex::of_first(record));
-        let block = index.block_of(record);
-        self.write(base, HistoryKind::Waveform, record.start_time(), received_at, &block)
+        self.inner.write_received(&format!("{base}/waveform"), record, received_at)
     }
 
     /// Writes a metadata record.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
-        let record = Metadata { name: name.to_owned(), metadata: entries };
-        self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
+        self.inner.metadata(name, entries)
     }
 
     /// Writes an attachment: a file within the recording.
@@ -138,12 +101,11 @@ impl<W: Write + Seek> HistoryWriter<W> {
             media_type: media_type.to_owned(),
             data: data.into(),
         };
-        self.inner.attach(&attachment).map_err(RecordingError::McapWrite)
+        self.inner.inner.attach(&attachment).map_err(RecordingError::McapWrite)
     }
 
     /// Writes the summary and the end. Without this call the recording is incomplete.
-    pub fn finish(mut self) -> Result<W, RecordingError> {
-        self.inner.finish().map_err(RecordingError::McapWrite)?;
-        Ok(self.inner.into_inner())
+    pub fn finish(self) -> Result<W, RecordingError> {
+        self.inner.finish()
     }
 }

@@ -35,15 +35,11 @@ pub struct McapOptions {
 ///
 /// Metadata that applies to the records (the reference wear) must be written before them.
 pub struct McapWriter<W: Write + Seek> {
-    inner: mcap::Writer<W>,
-    topics: HashMap<String, Topic>,
-}
-
-/// State of a topic.
-struct Topic {
-    channel_id: u16,
-    sequence: u32,
-    index: SampleIndex,
+    pub(super) inner: mcap::Writer<W>,
+    /// Channel id and number of messages by topic.
+    topics: HashMap<String, (u16, u32)>,
+    /// Sample index by topic of records.
+    indices: HashMap<String, SampleIndex>,
 }
 
 /// Largest deviation of the time between two records from their samples that is no gap, as a fraction.
@@ -52,7 +48,7 @@ const MAX_DRIFT: f64 = 3e-4;
 
 /// Counts a topic's samples from the first record on.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct SampleIndex {
+struct SampleIndex {
     /// Start of the previous record: its time and its index.
     start: Timestamp,
     first: u64,
@@ -61,12 +57,8 @@ pub(super) struct SampleIndex {
 }
 
 impl SampleIndex {
-    pub(super) fn of_first(record: &Record) -> Self {
-        Self { start: record.start_time(), first: 0, next: 0 }
-    }
-
     /// Creates the message of the next record and marks a gap if the record does not follow the previous one.
-    pub(super) fn block_of(&mut self, record: &Record) -> WaveformBlock {
+    fn block_of(&mut self, record: &Record) -> WaveformBlock {
         let elapsed_s = record.start_time().duration_since(self.start).as_secs_f64();
         let elapsed = elapsed_s * record.sample_rate_hz();
         let by_time = self.first as f64 + elapsed;
@@ -100,7 +92,7 @@ impl<W: Write + Seek> McapWriter<W> {
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
-        Ok(Self { inner, topics: HashMap::new() })
+        Ok(Self { inner, topics: HashMap::new(), indices: HashMap::new() })
     }
 
     /// Writes a record of a converted or simulated recording, with its start time as log time.
@@ -121,28 +113,37 @@ impl<W: Write + Seek> McapWriter<W> {
         record: &Record,
         log_time: Timestamp,
     ) -> Result<(), RecordingError> {
-        let publish_time = mcap_time("start_time", record.start_time())?;
+        let first = SampleIndex { start: record.start_time(), first: 0, next: 0 };
+        let block = self.indices.entry(topic.to_owned()).or_insert(first).block_of(record);
+        self.write_message(topic, WAVEFORM_SCHEMA, record.start_time(), log_time, &block)
+    }
+
+    /// Writes a message about the record that starts at `start_time`.
+    pub(super) fn write_message(
+        &mut self,
+        topic: &str,
+        schema: &str,
+        start_time: Timestamp,
+        log_time: Timestamp,
+        message: &impl Message,
+    ) -> Result<(), RecordingError> {
+        let publish_time = mcap_time("start_time", start_time)?;
         let log_time = mcap_time("log_time", log_time)?;
-        let state = match self.topics.get_mut(topic) {
+        let (channel_id, sequence) = match self.topics.get_mut(topic) {
             Some(state) => state,
             None => {
-                let schema = self
-                    .inner
-                    .add_schema(WAVEFORM_SCHEMA, "protobuf", DESCRIPTOR_SET)
-                    .map_err(RecordingError::McapWrite)?;
-                let channel_id = self
-                    .inner
-                    .add_channel(schema, topic, "protobuf", &BTreeMap::new())
-                    .map_err(RecordingError::McapWrite)?;
-                let index = SampleIndex::of_first(record);
-                self.topics.entry(topic.to_owned()).or_insert(Topic { channel_id, sequence: 0, index })
+                let schema = self.inner.add_schema(schema, "protobuf", DESCRIPTOR_SET);
+                let schema = schema.map_err(RecordingError::McapWrite)?;
+                let channel = self.inner.add_channel(schema, topic, "protobuf", &BTreeMap::new());
+                let channel = channel.map_err(RecordingError::McapWrite)?;
+                self.topics.entry(topic.to_owned()).or_insert((channel, 0))
             }
         };
-        let block = state.index.block_of(record);
-        state.sequence = state.sequence.wrapping_add(1);
-        let header =
-            MessageHeader { channel_id: state.channel_id, sequence: state.sequence, log_time, publish_time };
-        self.inner.write_to_known_channel(&header, &block.encode_to_vec()).map_err(RecordingError::McapWrite)
+        *sequence = sequence.wrapping_add(1);
+        let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time, publish_time };
+        self.inner
+            .write_to_known_channel(&header, &message.encode_to_vec())
+            .map_err(RecordingError::McapWrite)
     }
 
     /// Writes a metadata record. [`McapReader`](super::McapReader) reads up to 8 MiB of it and merges records
