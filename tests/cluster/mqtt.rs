@@ -104,9 +104,12 @@ fn every_message_becomes_one_record() {
     let mut sender = Sender::connect(port);
     for n in 0..20 {
         let record = record("named otherwise", n);
-        let encoding = if n % 2 == 0 { BlockEncoding::Protobuf } else { BlockEncoding::Json };
+        let (encoding, media_type) = match n % 2 {
+            0 => (BlockEncoding::Protobuf, "application/x-protobuf"),
+            _ => (BlockEncoding::Json, "application/json"),
+        };
         let block = encode_block(&record, encoding);
-        let content_type = (n % 4 < 2).then(|| encoding.media_type());
+        let content_type = (n % 4 < 2).then_some(media_type);
         sender.send_as(&topic(&root, "pump", "input"), &block, content_type);
         if n % 5 == 0 {
             // A device that sends again as it has no acknowledgement.

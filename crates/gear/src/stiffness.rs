@@ -10,6 +10,7 @@ use super::{Flank, FlankPoint, FlankWear, GearPair};
 pub struct PairStiffness<'a> {
     flanks: [Flank<'a>; 2],
     teeth: [Tooth<'a>; 2],
+    /// Compliance 1/k_h of the contact.
     hertz_mm_per_n: f64,
 }
 
@@ -33,11 +34,6 @@ impl<'a> PairStiffness<'a> {
     pub fn single_pair_n_per_m(&self, alpha1_rad: f64, alpha1_prime_rad: f64) -> f64 {
         let [driving, driven] = self.teeth_compliances(alpha1_rad, alpha1_prime_rad);
         1e3 / (self.hertz_mm_per_n + driving.total_mm_per_n() + driven.total_mm_per_n())
-    }
-
-    /// Returns the compliance 1/k_h of the contact in mm/N.
-    pub fn hertz_mm_per_n(&self) -> f64 {
-        self.hertz_mm_per_n
     }
 
     /// Returns the compliances of the driving and the driven tooth.

@@ -21,16 +21,6 @@ pub enum BlockEncoding {
     Json,
 }
 
-impl BlockEncoding {
-    /// Returns the media type of a block in this encoding.
-    pub fn media_type(self) -> &'static str {
-        match self {
-            Self::Protobuf => "application/x-protobuf",
-            Self::Json => "application/json",
-        }
-    }
-}
-
 /// Decodes one block.
 ///
 /// A missing start time (0 in protobuf), channel, unit or field of the operating point is filled from

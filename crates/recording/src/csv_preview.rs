@@ -1,7 +1,5 @@
 //! Preview of a CSV file, or of its beginning, before it is imported.
 
-use jiff::Timestamp;
-
 use super::{ColumnRole, CsvFrames, CsvLayout, CsvTiming, RecordingError};
 
 /// A column of a CSV file.
@@ -81,13 +79,6 @@ fn contents(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<CsvCont
     Ok(CsvContents { timing, sample_rate_hz, envelopes })
 }
 
-impl CsvContents {
-    /// Returns the time of the first sample, if a column contains dates.
-    pub fn start_time(&self) -> Option<Timestamp> {
-        self.timing.dated_start
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -109,7 +100,7 @@ mod tests {
         );
         let contents = preview.contents.unwrap();
         assert_eq!((contents.sample_rate_hz, contents.timing.frames), (Some(2.0), 4));
-        assert_eq!(contents.start_time().unwrap().to_string(), "2026-03-01T08:00:00Z");
+        assert_eq!(contents.timing.dated_start.unwrap().to_string(), "2026-03-01T08:00:00Z");
         assert_eq!(contents.envelopes, [[[-2.0, 1.0], [3.0, 4.0]]]);
     }
 

@@ -29,7 +29,6 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 /// returned as recorded.
 pub struct RecordingFile {
     records: Records,
-    format: Format,
     read: Arc<AtomicU64>,
 }
 
@@ -86,15 +85,14 @@ impl RecordingFile {
     ) -> Result<Self, RecordingError> {
         let read = Arc::new(AtomicU64::new(0));
         let file = OpenFile::new(path.as_ref())?;
-        let format = file.format;
-        let records = match format {
+        let records = match file.format {
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(file.counted(&read), defaults))),
             _ => {
                 let blocks = RecordBlocks::new(file.frames(&[], &read)?, &defaults, cut)?;
                 Records::Cut(Box::new(blocks))
             }
         };
-        Ok(Self { records, format, read })
+        Ok(Self { records, read })
     }
 
     /// Returns whether a file's name ends in one of the [`EXTENSIONS`].
@@ -106,11 +104,6 @@ impl RecordingFile {
     /// Returns the number of bytes of the file read so far.
     pub fn bytes_read(&self) -> u64 {
         self.read.load(Ordering::Relaxed)
-    }
-
-    /// Returns the file's format.
-    pub fn format(&self) -> Format {
-        self.format
     }
 
     /// Returns the time after the last sample read so far, which may belong to a dropped remainder; `None`

@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
 
 use crate::asset::AssetId;
-use crate::store::database::rows::{asset_id, from_ns, get, get_count, get_time, lease_end, to_ns};
+use crate::store::database::rows::{asset_id, get, get_count, get_time, lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
 /// How long a process that reads an upload counts as alive after its last renewal.
@@ -68,8 +68,6 @@ pub struct StoredUpload {
     pub progress: UploadProgress,
     /// When it expires if no further piece arrives.
     pub expires_at: Timestamp,
-    /// Until when the process that reads it counts as alive.
-    pub reader_until: Option<Timestamp>,
     /// The summary of its records as JSON.
     pub result: Option<String>,
     /// Why it failed.
@@ -340,7 +338,6 @@ fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
             expected: "receiving, reading, finished or failed",
         })?,
         expires_at: get_time(row, "expires_at_ns")?,
-        reader_until: get::<Option<i64>>(row, "reader_until_ns")?.map(from_ns),
         result: get(row, "result")?,
         error: get(row, "error")?,
     })

@@ -60,24 +60,6 @@ impl LibraryCache {
         build_into(&self.path(&id), pair, grid, control).map(Arc::new)
     }
 
-    /// Returns the ensemble around a library, from the cache or else simulated and added to it.
-    ///
-    /// # Errors
-    /// Those of [`Ensemble::build`]; [`LibraryError::Io`] where it cannot be read or written.
-    pub fn ensemble(
-        &self,
-        library: Arc<Library>,
-        settings: &EnsembleSettings,
-        control: &BuildControl<'_>,
-    ) -> Result<Ensemble, LibraryError> {
-        if let Some(ensemble) = self.get_ensemble(&library, settings)? {
-            return Ok(ensemble);
-        }
-        let ensemble = Ensemble::build(library, settings, control)?;
-        self.put_ensemble(&ensemble)?;
-        Ok(ensemble)
-    }
-
     /// Returns the ensemble around a library if it is cached. A damaged file is logged and ignored.
     ///
     /// # Errors

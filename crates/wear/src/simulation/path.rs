@@ -29,11 +29,6 @@ struct Resonance {
 }
 
 impl TransmissionPath {
-    /// Creates a path that leaves the vibration unchanged.
-    pub fn direct() -> Self {
-        Self { direct: 1.0, resonances: Vec::new() }
-    }
-
     /// Creates a random path for a sampling rate in hertz; damping ratios of 1 to 5 %, gains of 0.3 to 3 of
     /// either sign.
     pub fn random(rng: &mut impl Rng, sample_rate_hz: f64) -> Self {
