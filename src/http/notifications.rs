@@ -2,7 +2,6 @@
 
 use axum::Json;
 use axum::extract::State;
-use jiff::Timestamp;
 use serde::Serialize;
 
 use super::app::App;
@@ -11,37 +10,11 @@ use super::problem::Problem;
 use crate::service::Service;
 use crate::store::Notified;
 
-/// Status of a recipient's notifications.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct RecipientView {
-    /// The recipient's name in the settings.
-    name: String,
-    /// Number of notifications not sent yet.
-    waiting: u64,
-    /// Creation time of the oldest of them; none if nothing waits.
-    oldest_at: Option<Timestamp>,
-    /// Number sent in the last 30 days.
-    sent: u64,
-    /// When the last one was sent.
-    last_sent_at: Option<Timestamp>,
-    /// Number that failed for good in the last 30 days.
-    given_up: u64,
-    /// Error of the latest waiting or failed notification; none if there was no error.
-    error: Option<String>,
-}
-
 /// Recipients of alarm notifications.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecipientList {
     /// One entry per recipient.
-    items: Vec<RecipientView>,
-}
-
-impl From<Notified> for RecipientView {
-    fn from(notified: Notified) -> Self {
-        let Notified { recipient, waiting, oldest_at, sent, last_sent_at, given_up, error } = notified;
-        Self { name: recipient, waiting, oldest_at, sent, last_sent_at, given_up, error }
-    }
+    items: Vec<Notified>,
 }
 
 /// List recipients of alarm notifications
@@ -54,8 +27,7 @@ impl From<Notified> for RecipientView {
     responses((status = 200, body = RecipientList)),
 )]
 pub(super) async fn list(State(app): State<App>) -> Result<Json<RecipientList>, Problem> {
-    let notified = app.service.store.notified().await?;
-    Ok(Json(RecipientList { items: notified.into_iter().map(RecipientView::from).collect() }))
+    Ok(Json(RecipientList { items: app.service.store.notified().await? }))
 }
 
 /// The same in Prometheus' text format; nothing without recipients. Every process of a cluster shows the same

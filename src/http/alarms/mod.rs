@@ -12,7 +12,7 @@ use super::problem::Problem;
 use super::request::body::Described;
 use super::request::query::{self, NameInPath, Page, Parameters};
 use crate::asset::AssetId;
-use crate::estimate::{AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Severity};
+use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, AlarmState, Severity};
 use crate::service::OperatorAction;
 use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 
@@ -73,17 +73,6 @@ impl AlarmView {
     }
 }
 
-/// An entry of an alarm's history.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-#[schema(as = AlarmEntry)]
-struct EntryView {
-    #[serde(flatten)]
-    change: AlarmChange,
-    /// When the entry was withdrawn because late records or a recomputation contradict it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    withdrawn_at: Option<Timestamp>,
-}
-
 /// An alarm with its history.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = AlarmWithHistory)]
@@ -91,7 +80,7 @@ pub(super) struct WholeAlarm {
     #[serde(flatten)]
     alarm: AlarmView,
     /// History, oldest first; the latest 1000 entries.
-    history: Vec<EntryView>,
+    history: Vec<StoredAlarmChange>,
     /// Total number of entries.
     history_count: u64,
 }
@@ -320,10 +309,5 @@ pub(super) fn check_name(field: &str, name: &str) -> Result<(), Problem> {
 
 async fn whole(app: &App, alarm: StoredAlarm) -> Result<Json<WholeAlarm>, Problem> {
     let (history, history_count) = app.service.store.alarm_history(&alarm.id, MAX_ENTRIES).await?;
-    let entry = |StoredAlarmChange { change, withdrawn_at }| EntryView { change, withdrawn_at };
-    Ok(Json(WholeAlarm {
-        alarm: AlarmView::new(alarm, app.service.now()),
-        history: history.into_iter().map(entry).collect(),
-        history_count,
-    }))
+    Ok(Json(WholeAlarm { alarm: AlarmView::new(alarm, app.service.now()), history, history_count }))
 }

@@ -3,8 +3,7 @@
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
-use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::http::app::App;
@@ -36,30 +35,6 @@ pub(crate) struct CampaignEndParameters {
     name: Option<String>,
 }
 
-/// A measuring campaign.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(crate) struct CampaignView {
-    /// Whether it is running.
-    is_running: bool,
-    /// Index of the first sample.
-    first: u64,
-    /// Index after the last sample.
-    end: u64,
-    /// The time of the first sample: `from` of an export of its records.
-    start_time: Timestamp,
-    /// The time at which it ends or ended: `to` of an export of its records.
-    end_time: Option<Timestamp>,
-    /// Records made by it; those of all channels count as one.
-    records: u64,
-}
-
-impl From<CampaignStatus> for CampaignView {
-    fn from(status: CampaignStatus) -> Self {
-        let CampaignStatus { is_running, first, end, start_time, end_time, records } = status;
-        Self { is_running, first, end, start_time, end_time, records }
-    }
-}
-
 /// Start a measuring campaign
 ///
 /// All samples from now on become back-to-back records, regardless of the asset's stream settings. A running
@@ -70,20 +45,20 @@ impl From<CampaignStatus> for CampaignView {
     tag = "streams",
     params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
     responses(
-        (status = 200, body = CampaignView),
+        (status = 200, body = CampaignStatus),
     ),
 )]
 pub(crate) async fn begin(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
     Parameters(params): Parameters<CampaignParameters>,
-) -> Result<Json<CampaignView>, Problem> {
+) -> Result<Json<CampaignStatus>, Problem> {
     let seconds = params.seconds.unwrap_or(60.0);
     if !(1.0..=MAX_S).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
     }
     let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
-    Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
+    Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?))
 }
 
 /// End a measuring campaign

@@ -3,8 +3,7 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
-use super::campaigns::CampaignView;
-use crate::service::StreamStatus;
+use crate::service::{CampaignStatus, StreamStatus};
 
 /// The status of a stream.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -43,7 +42,7 @@ pub(crate) struct StreamView {
     /// Bytes of its samples on disk, without records.
     journal_bytes: u64,
     /// The running measuring campaign, or the last one.
-    campaign: Option<CampaignView>,
+    campaign: Option<CampaignStatus>,
 }
 
 /// A channel of a stream that is the signal of a tachometer.
@@ -142,7 +141,7 @@ impl From<StreamStatus> for StreamView {
             records_refused: status.records_refused,
             records_waiting: status.records_waiting,
             journal_bytes: status.journal_bytes,
-            campaign: status.campaign.map(CampaignView::from),
+            campaign: status.campaign,
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use serde::Serialize;
 
 use super::Streams;
 use super::cutting::Cutting;
@@ -10,20 +11,21 @@ use super::state::StreamState;
 use crate::asset::AssetId;
 use crate::service::error::ServiceError;
 
-/// The status of a measuring campaign.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A measuring campaign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[schema(as = CampaignView)]
 pub struct CampaignStatus {
     /// Whether it is running.
     pub is_running: bool,
     /// Index of the first sample.
     pub first: u64,
-    /// Index after the last one.
+    /// Index after the last sample.
     pub end: u64,
-    /// The time of the first sample: no record of the campaign starts earlier.
+    /// The time of the first sample: `from` of an export of its records.
     pub start_time: Timestamp,
-    /// The time at which it ends or ended: all of its records start earlier.
+    /// The time at which it ends or ended: `to` of an export of its records.
     pub end_time: Option<Timestamp>,
-    /// Number of cuts of the campaign; the records of all channels count as one.
+    /// Records made by it; those of all channels count as one.
     pub records: u64,
 }
 

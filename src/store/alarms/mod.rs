@@ -34,12 +34,15 @@ pub struct StoredAlarm {
     pub changed_at: Timestamp,
 }
 
-/// A stored entry of an alarm's history.
-#[derive(Debug, Clone, PartialEq)]
+/// An entry of an alarm's history.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = AlarmEntry)]
 pub struct StoredAlarmChange {
-    /// The entry.
+    /// The entry itself.
+    #[serde(flatten)]
     pub change: AlarmChange,
-    /// When it was withdrawn because a recomputed history no longer contains it.
+    /// When the entry was withdrawn because late records or a recomputation contradict it.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub withdrawn_at: Option<Timestamp>,
 }
 

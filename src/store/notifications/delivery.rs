@@ -1,6 +1,7 @@
 //! Delivery of notifications: which one is attempted next and by which process, and the outcomes.
 
 use jiff::{SignedDuration, Timestamp};
+use serde::Serialize;
 use sqlx::any::AnyRow;
 
 use crate::store::database::rows::{from_ns, get, get_count, get_json, get_time, lease_end, to_ns};
@@ -40,22 +41,24 @@ pub enum Attempt {
     },
 }
 
-/// The status of a recipient's notifications.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+/// Status of a recipient's notifications.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[schema(as = RecipientView)]
 pub struct Notified {
-    /// The recipient's name.
+    /// The recipient's name in the settings.
+    #[serde(rename = "name")]
     pub recipient: String,
-    /// Number of notifications that are not sent yet.
+    /// Number of notifications not sent yet.
     pub waiting: u64,
-    /// When the oldest of them was created.
+    /// Creation time of the oldest of them; none if nothing waits.
     pub oldest_at: Option<Timestamp>,
     /// Number sent in the last 30 days.
     pub sent: u64,
-    /// When the last of them was sent.
+    /// When the last one was sent.
     pub last_sent_at: Option<Timestamp>,
-    /// Number given up in the last 30 days.
+    /// Number that failed for good in the last 30 days.
     pub given_up: u64,
-    /// Why the latest failed one of those waiting or given up failed; `None` if none has failed.
+    /// Error of the latest waiting or failed notification; none if there was no error.
     pub error: Option<String>,
 }
 
