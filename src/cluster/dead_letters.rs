@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::connection::Connection;
 use super::partition::Source;
 use super::{ClusterError, message};
-use crate::service::QueuedRecord;
+use crate::store::RecordNote;
 
 /// Header with the reason why a record is a dead letter.
 const REASON: &str = "Flankwatch-Reason";
@@ -56,7 +56,7 @@ pub struct DeadLetter {
     /// Size of the message in bytes.
     pub message_bytes: usize,
     /// The record; `None` where the message cannot be read.
-    pub record: Option<QueuedRecord>,
+    pub record: Option<RecordNote>,
 }
 
 /// Lists all dead letters, oldest first.
@@ -128,6 +128,6 @@ fn dead_letter(message: &StreamMessage) -> DeadLetter {
         reason: message.headers.get(REASON).map(ToString::to_string).unwrap_or_default(),
         put_at: Timestamp::from_nanosecond(message.time.unix_timestamp_nanos()).unwrap_or_default(),
         message_bytes: message.payload.len(),
-        record: message::decode(&message.payload).ok(),
+        record: message::decode(&message.payload).ok().map(|queued| queued.note),
     }
 }

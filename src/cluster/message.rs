@@ -8,6 +8,7 @@ use super::ClusterError;
 use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
 use crate::signal::OperatingPoint;
+use crate::store::RecordNote;
 
 #[expect(unreachable_pub, reason = "generated from the schema, which documents each field")]
 mod generated {
@@ -18,11 +19,12 @@ mod generated {
 ///
 /// # Errors
 /// A time is out of range for 64-bit nanoseconds.
-pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
+pub(super) fn encode(queued: &QueuedRecord) -> Result<Bytes, ClusterError> {
+    let record = &queued.note;
     let message = generated::QueuedRecord {
         segment_id: record.id.0.clone(),
         asset: record.asset_id.to_string(),
-        asset_created_at_ns: to_ns("asset_created_at", record.asset_created_at)?,
+        asset_created_at_ns: to_ns("asset_created_at", queued.asset_created_at)?,
         channel: record.channel.clone(),
         start_time_ns: to_ns("start_time", record.start_time)?,
         received_at_ns: to_ns("received_at", record.received_at)?,
@@ -54,10 +56,9 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
     }
     let asset =
         AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
-    Ok(QueuedRecord {
+    let note = RecordNote {
         id: SegmentId(message.segment_id),
         asset_id: asset,
-        asset_created_at: from_ns(message.asset_created_at_ns),
         channel: message.channel,
         start_time: from_ns(message.start_time_ns),
         received_at: from_ns(message.received_at_ns),
@@ -74,8 +75,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
             media_type: message.raw_media_type,
             channel_index: message.raw_channel_index,
         },
-        given_up: 0,
-    })
+    };
+    Ok(QueuedRecord { note, asset_created_at: from_ns(message.asset_created_at_ns), given_up: 0 })
 }
 
 fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
@@ -96,10 +97,9 @@ mod tests {
     use super::*;
 
     fn record() -> QueuedRecord {
-        QueuedRecord {
+        let note = RecordNote {
             id: SegmentId("0123".into()),
             asset_id: AssetId::new("pump").unwrap(),
-            asset_created_at: from_ns(5),
             channel: "gearbox/x".into(),
             start_time: from_ns(-1_000_000_007),
             received_at: from_ns(1_700_000_000_123_456_789),
@@ -116,8 +116,8 @@ mod tests {
                 media_type: "audio/wav".into(),
                 channel_index: 3,
             },
-            given_up: 0,
-        }
+        };
+        QueuedRecord { note, asset_created_at: from_ns(5), given_up: 0 }
     }
 
     #[test]
@@ -131,11 +131,11 @@ mod tests {
     fn an_invalid_message_is_rejected_with_the_field() {
         assert!(decode(b"\xff\xff").is_err());
         let mut invalid = record();
-        invalid.raw.sha256 = "../../etc/passwd".into();
+        invalid.note.raw.sha256 = "../../etc/passwd".into();
         let error = decode(&encode(&invalid).unwrap()).unwrap_err().to_string();
         assert!(error.contains("raw_sha256"), "{error}");
         let mut out_of_range = record();
-        out_of_range.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
+        out_of_range.note.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
         assert!(encode(&out_of_range).unwrap_err().to_string().contains("start_time"));
     }
 }

@@ -199,7 +199,7 @@ impl Worker {
         // Counted first: once the dead letter is visible, its record may be sent again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
             let letter = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
-            self.service.store.count_dead_letter(&record.id, letter, self.service.now()).await?;
+            self.service.store.count_dead_letter(&record.note.id, letter, self.service.now()).await?;
         }
         dead_letters::put(&self.connection, message, reason).await
     }
@@ -207,10 +207,11 @@ impl Worker {
     /// Stores the record of a message; retries for as long as the cause of the failure is external. Sets
     /// `has_attempts` where it stored an error.
     async fn store(&self, message: &Message, has_attempts: &mut bool) -> Outcome {
-        let record = match message::decode(&message.payload) {
-            Ok(record) => record,
+        let queued = match message::decode(&message.payload) {
+            Ok(queued) => queued,
             Err(error) => return Outcome::DeadLetter(error.to_string()),
         };
+        let record = &queued.note;
         match self.crashed_too_often(message).await {
             Ok(None) => {}
             Ok(Some(reason)) => {
@@ -227,7 +228,7 @@ impl Worker {
         let (mut wait, mut uncertain, mut is_excused) = (FIRST_WAIT, 0, false);
         let mut stop = self.stop.clone();
         loop {
-            let error = match self.store_once(&record).await {
+            let error = match self.store_once(&queued).await {
                 Ok(Some(_)) => return Outcome::Done,
                 Ok(None) => {
                     tracing::info!(segment = %record.id, asset = %record.asset_id, "dropped a record whose asset was removed");
@@ -281,7 +282,7 @@ impl Worker {
 
     async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
         let mut ticket = self.service.workers.admit()?;
-        ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
+        ticket.grow(usize::try_from(record.note.raw.bytes).unwrap_or(usize::MAX))?;
         self.service.pipeline.process(record, ticket).await
     }
 

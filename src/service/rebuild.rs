@@ -113,7 +113,9 @@ impl Service {
                 created.insert(note.asset_id.clone(), asset);
             }
             match created.get(&note.asset_id).copied().flatten() {
-                Some(created_at) => missing.push(QueuedRecord::from_note(note, created_at)),
+                Some(created_at) => {
+                    missing.push(QueuedRecord { note, asset_created_at: created_at, given_up: 0 });
+                }
                 None => rebuilt.without_asset += 1,
             }
         }
@@ -129,7 +131,7 @@ impl Service {
                 Err(error) => {
                     rebuilt.failed += 1;
                     if rebuilt.failures.len() < MAX_FAILURES {
-                        let record = &missing[done - 1];
+                        let record = &missing[done - 1].note;
                         rebuilt.failures.push(format!(
                             "record {} of {} at {}: {error}",
                             record.id, record.asset_id, record.start_time
@@ -233,12 +235,13 @@ impl Service {
     }
 
     async fn ingest(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
-        let name = record.raw.sha256.clone();
+        let raw = &record.note.raw;
+        let name = raw.sha256.clone();
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
-            return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
+            return Err(StoreError::ObjectMissing(raw.sha256.clone()).into());
         }
         loop {
-            let ticket = self.workers.wait_to_admit(record.raw.bytes).await?;
+            let ticket = self.workers.wait_to_admit(raw.bytes).await?;
             match self.pipeline.process(record, ticket).await {
                 // The store is unavailable.
                 Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,

@@ -9,75 +9,20 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::error::ServiceError;
-use crate::asset::{AssetId, RawReference, SegmentId};
-use crate::signal::OperatingPoint;
+use crate::asset::AssetId;
 use crate::store::RecordNote;
 
 /// A record that is identified and whose raw bytes are stored: everything besides these bytes that its
 /// analysis needs.
-#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct QueuedRecord {
-    /// Identifier of its segment.
-    pub id: SegmentId,
-    /// The asset it belongs to.
-    pub asset_id: AssetId,
-    /// When that asset was created, which distinguishes it from a later asset of the same name.
-    #[serde(skip)]
+    /// What is stored beside its raw bytes.
+    pub note: RecordNote,
+    /// When its asset was created, which distinguishes it from a later asset of the same name.
     pub asset_created_at: Timestamp,
-    /// The measuring channel.
-    pub channel: String,
-    /// The time of the first sample.
-    pub start_time: Timestamp,
-    /// When the service received it.
-    pub received_at: Timestamp,
-    /// Unit of the samples.
-    pub unit: String,
-    /// Operating point as given with the record.
-    pub operating_point: OperatingPoint,
-    /// Reference wear depth in µm from another source.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub reference_wear_um: Option<f64>,
-    /// The raw bytes.
-    pub raw: RawReference,
     /// How often it recently became a dead letter; the queue treats it as a new record each time it is sent
     /// again.
-    #[serde(skip)]
     pub given_up: u32,
-}
-
-impl From<&QueuedRecord> for RecordNote {
-    fn from(record: &QueuedRecord) -> Self {
-        Self {
-            id: record.id.clone(),
-            asset_id: record.asset_id.clone(),
-            channel: record.channel.clone(),
-            start_time: record.start_time,
-            received_at: record.received_at,
-            unit: record.unit.clone(),
-            operating_point: record.operating_point,
-            reference_wear_um: record.reference_wear_um,
-            raw: record.raw.clone(),
-        }
-    }
-}
-
-impl QueuedRecord {
-    /// Creates a queued record from the note beside its raw bytes, for an asset created at a time.
-    pub(crate) fn from_note(note: RecordNote, asset_created_at: Timestamp) -> Self {
-        Self {
-            id: note.id,
-            asset_id: note.asset_id,
-            asset_created_at,
-            channel: note.channel,
-            start_time: note.start_time,
-            received_at: note.received_at,
-            unit: note.unit,
-            operating_point: note.operating_point,
-            reference_wear_um: note.reference_wear_um,
-            raw: note.raw,
-            given_up: 0,
-        }
-    }
 }
 
 /// The health of a dependency of the service.

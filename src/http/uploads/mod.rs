@@ -27,8 +27,8 @@ use super::request::query::{AssetInPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::JsonBlock;
-use crate::service::{Accepted, BatchSummary, ChannelNames, QueuedRecord, detached};
-use crate::store::KeyedUpload;
+use crate::service::{Accepted, BatchSummary, ChannelNames, detached};
+use crate::store::{KeyedUpload, RecordNote};
 use parameters::UploadParameters;
 
 const MCAP: &str = "application/mcap";
@@ -51,7 +51,7 @@ pub(super) struct QueuedSegment {
     /// `queued`.
     state: &'static str,
     #[serde(flatten)]
-    record: QueuedRecord,
+    record: RecordNote,
 }
 
 impl From<Accepted> for TakenRecord {

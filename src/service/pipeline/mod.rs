@@ -62,7 +62,7 @@ pub enum Accepted {
     /// It was stored before.
     Repeated(Box<Segment>),
     /// Its raw bytes are stored, and it is queued for its analysis.
-    Queued(Box<QueuedRecord>),
+    Queued(Box<RecordNote>),
 }
 
 impl Accepted {
@@ -197,14 +197,15 @@ impl Pipeline {
     }
 
     async fn take_queued(&self, queued: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
-        let group = SensorGroup::of(&self.store, &queued.asset_id).await?;
+        let note = &queued.note;
+        let group = SensorGroup::of(&self.store, &note.asset_id).await?;
         if group.asset.created_at != queued.asset_created_at {
             return Ok(None);
         }
-        let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
+        let known = known_to_all(&self.store, std::slice::from_ref(note), &group.members).await?;
         let rest = if known.is_empty() {
-            let record = self.identify_queued(queued).await?;
-            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, queued.received_at).await?
+            let record = self.identify_queued(note.clone()).await?;
+            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, note.received_at).await?
         } else {
             Rest::Nothing
         };
@@ -237,11 +238,10 @@ impl Pipeline {
             Rest::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
             let queued = self.queued(&group, &records, received_at).await?;
-            self.raw.put(raws, queued.iter().map(RecordNote::from).collect()).await?;
+            self.raw.put(raws, queued.iter().map(|queued| queued.note.clone()).collect()).await?;
             Rest::Enqueue(Arc::clone(queue), queued)
         } else {
-            let notes =
-                records.iter().map(|record| RecordNote::from(&record.queued(&group.asset, received_at, 0)));
+            let notes = records.iter().map(|record| record.note(&group.asset.spec.id, received_at));
             let raws = RawBytes::New(raws, notes.collect());
             self.analyse(group.asset.spec, records, raws, received_at).await?
         };
@@ -282,7 +282,7 @@ impl Pipeline {
             Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
             Rest::Enqueue(queue, records) => {
                 queue.enqueue(&records).await?;
-                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record))));
+                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record.note))));
             }
         }
         for accepted in &accepted {
@@ -378,17 +378,17 @@ impl Pipeline {
     ) -> Result<Vec<QueuedRecord>, ServiceError> {
         let ids: Vec<SegmentId> = records.iter().map(|record| record.id.clone()).collect();
         let given_up = self.store.dead_letters_of(&ids).await?;
-        let queued = records.iter().map(|record| {
-            let times = given_up.get(&record.id).copied().unwrap_or(0);
-            record.queued(&group.asset, received_at, times)
+        let queued = records.iter().map(|record| QueuedRecord {
+            note: record.note(&group.asset.spec.id, received_at),
+            asset_created_at: group.asset.created_at,
+            given_up: given_up.get(&record.id).copied().unwrap_or(0),
         });
         Ok(queued.collect())
     }
 
     /// Reads a queued record from its raw bytes.
-    async fn identify_queued(&self, queued: &QueuedRecord) -> Result<IdentifiedRecord, ServiceError> {
+    async fn identify_queued(&self, queued: RecordNote) -> Result<IdentifiedRecord, ServiceError> {
         let bytes = raw_bytes(&self.store, &queued.raw.sha256).await?;
-        let queued = queued.clone();
         let identify = move || {
             let record = StoredRecord::from(&queued).decode(&bytes)?;
             let identified =

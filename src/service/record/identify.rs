@@ -11,9 +11,8 @@ use super::decode::{RecordFormat, with_unit};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{Recorded, RecordingError};
 use crate::service::error::ServiceError;
-use crate::service::work_queue::QueuedRecord;
 use crate::signal::Record;
-use crate::store::{Asset, Objects, Store};
+use crate::store::{Objects, RecordNote, Store};
 
 /// Maximum length of a unit in bytes.
 const MAX_UNIT_BYTES: usize = 64;
@@ -73,13 +72,12 @@ impl IdentifiedRecord {
         }
     }
 
-    /// Converts it to a queued record.
-    pub(crate) fn queued(&self, asset: &Asset, received_at: Timestamp, given_up: u32) -> QueuedRecord {
+    /// The note beside its raw bytes.
+    pub(crate) fn note(&self, asset: &AssetId, received_at: Timestamp) -> RecordNote {
         let record = &self.record;
-        QueuedRecord {
+        RecordNote {
             id: self.id.clone(),
-            asset_id: asset.spec.id.clone(),
-            asset_created_at: asset.created_at,
+            asset_id: asset.clone(),
             channel: record.channel().to_owned(),
             start_time: record.start_time(),
             received_at,
@@ -87,7 +85,6 @@ impl IdentifiedRecord {
             operating_point: record.operating_point(),
             reference_wear_um: self.reference_wear_um,
             raw: self.raw.clone(),
-            given_up,
         }
     }
 
@@ -106,7 +103,7 @@ impl Identified for IdentifiedRecord {
     }
 }
 
-impl Identified for QueuedRecord {
+impl Identified for RecordNote {
     fn id(&self) -> &SegmentId {
         &self.id
     }

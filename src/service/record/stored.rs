@@ -10,13 +10,12 @@ use crate::asset::{RawReference, Segment};
 use crate::recording::{RecordDefaults, RecordingError};
 use crate::service::error::ServiceError;
 use crate::service::sensor_group::described;
-use crate::service::work_queue::QueuedRecord;
 use crate::service::workers::{Workers, blocking, with_analyzer};
 use crate::signal::{
     Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, OperatingPoint,
     Record, Spectrum,
 };
-use crate::store::{NewSegment, Store, StoreError};
+use crate::store::{NewSegment, RecordNote, Store, StoreError};
 
 /// The metadata of a stored record that is needed to decode its raw bytes.
 pub(crate) struct StoredRecord {
@@ -43,7 +42,7 @@ macro_rules! stored_record_from {
     )+};
 }
 
-stored_record_from!(Segment, NewSegment, QueuedRecord);
+stored_record_from!(Segment, NewSegment, RecordNote);
 
 impl StoredRecord {
     /// Reads the record from its raw bytes, which are checked against their hash. Blocks on the disk or the

@@ -18,9 +18,10 @@ const ASSETS: &str = "assets";
 const REMOVED: &str = "removed";
 
 /// The metadata needed to decode a record from its raw bytes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = QueuedRecord)]
 pub struct RecordNote {
-    /// Its segment.
+    /// Identifier of its segment.
     pub id: SegmentId,
     /// The asset it belongs to.
     pub asset_id: AssetId,
@@ -34,6 +35,7 @@ pub struct RecordNote {
     pub unit: String,
     /// Operating point as given with the record.
     #[serde(default)]
+    #[schema(required = true)]
     pub operating_point: OperatingPoint,
     /// Reference wear depth in µm from another source.
     #[serde(default, skip_serializing_if = "Option::is_none")]
