@@ -12,7 +12,7 @@ use sqlx::any::AnyRow;
 use self::commit::alarm_id;
 use crate::asset::AssetId;
 use crate::estimate::{Alarm, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, PanelAction, Severity};
-use crate::store::database::rows::{from_json, from_ns, get, get_json, to_ns};
+use crate::store::database::rows::{asset_id, from_json, from_ns, get, get_json, to_ns};
 use crate::store::{ChannelSummary, Store, StoreError};
 
 /// A stored alarm. An alarm is stored from its first change on.
@@ -201,14 +201,9 @@ impl Store {
 
 pub(in crate::store) fn alarm_of(row: &AnyRow) -> Result<StoredAlarm, StoreError> {
     let id: String = get(row, "id")?;
-    let asset: String = get(row, "asset_id")?;
     let rule: Option<String> = get(row, "rule")?;
     Ok(StoredAlarm {
-        asset_id: AssetId::new(asset).map_err(|error| StoreError::Unexpected {
-            what: "asset_id",
-            value: error.to_string(),
-            expected: "an asset's name",
-        })?,
+        asset_id: asset_id(get(row, "asset_id")?)?,
         channel: get(row, "channel")?,
         quantity: get_json(row, "quantity", &id)?,
         rule: rule.map(|text| from_json(&text, "rule", &id)).transpose()?,

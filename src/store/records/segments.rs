@@ -9,7 +9,7 @@ use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 use crate::store::database::rows::{
-    from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns,
+    asset_id, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns,
 };
 use crate::store::layouts::Layouts;
 use crate::store::{AnalysisGeneration, AnalysisKeys, ChannelSummary, Store, StoreError};
@@ -323,15 +323,10 @@ fn features_of(row: &AnyRow, layouts: &Layouts) -> Result<StoredFeatures, StoreE
 /// Decodes a segment without its estimate from a row.
 pub(in crate::store) fn new_segment_of(row: &AnyRow, layouts: &Layouts) -> Result<NewSegment, StoreError> {
     let id: String = get(row, "id")?;
-    let asset_id: String = get(row, "asset_id")?;
     let shaft_speed: Option<String> = get(row, "shaft_speed")?;
     let channel_index = get_count(row, "raw_channel_index")?;
     Ok(NewSegment {
-        asset_id: AssetId::new(asset_id).map_err(|error| StoreError::Unexpected {
-            what: "asset_id",
-            value: error.to_string(),
-            expected: "an asset's name",
-        })?,
+        asset_id: asset_id(get(row, "asset_id")?)?,
         channel: get(row, "channel")?,
         start_time: get_time(row, "start_time_ns")?,
         received_at: get_time(row, "received_at_ns")?,
