@@ -16,11 +16,7 @@ pub struct Precondition {
 
 /// Identifies an asset's description.
 pub fn description_tag(asset: &Asset) -> Result<String, ServiceError> {
-    let spec = serde_json::to_vec(&asset.spec).map_err(|source| StoreError::Damaged {
-        what: "spec",
-        of: asset.spec.id.to_string(),
-        source,
-    })?;
+    let spec = serde_json::to_vec(&asset.spec).map_err(StoreError::damaged("spec", &asset.spec.id))?;
     let mut hash = Sha256::new();
     hash.update(asset.created_at.as_nanosecond().to_le_bytes());
     hash.update(spec);

@@ -1,5 +1,6 @@
 //! Errors of the store.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use thiserror::Error;
@@ -132,6 +133,14 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Returns a closure for `map_err` on the JSON text of `what`, which belongs to `of`.
+    pub(crate) fn damaged(
+        what: &'static str,
+        of: impl fmt::Display,
+    ) -> impl FnOnce(serde_json::Error) -> Self {
+        move |source| Self::Damaged { what, of: of.to_string(), source }
+    }
+
     /// Whether the database or the object store is unavailable or overloaded: the same request can succeed
     /// later.
     pub fn is_unavailable(&self) -> bool {

@@ -136,11 +136,8 @@ impl FoldPoint {
 
     /// Encodes the state for the store.
     pub(crate) fn to_stored(&self) -> Result<FoldState, ServiceError> {
-        let state = serde_json::to_string(&self.state).map_err(|source| StoreError::Damaged {
-            what: "state",
-            of: self.last.id.to_string(),
-            source,
-        })?;
+        let state =
+            serde_json::to_string(&self.state).map_err(StoreError::damaged("state", &self.last.id))?;
         Ok(FoldState { last: self.last.clone(), position: self.position, state })
     }
 }

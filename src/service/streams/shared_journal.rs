@@ -54,9 +54,8 @@ impl SharedJournal {
         loop {
             let found = rows.runtime.block_on(rows.store.stream_checkpoint(asset, name))?;
             let Some((stream, checkpoint, state)) = found else { return Ok(None) };
-            let mut state: StreamState = serde_json::from_slice(&state).map_err(|source| {
-                StoreError::Damaged { what: "state", of: format!("stream {name} of {asset}"), source }
-            })?;
+            let mut state: StreamState = serde_json::from_slice(&state)
+                .map_err(StoreError::damaged("state", format!("stream {name} of {asset}")))?;
             let mut journal = Self {
                 rows: Arc::clone(&rows),
                 asset: asset.clone(),

@@ -58,7 +58,7 @@ pub(in crate::store) fn from_json<T: DeserializeOwned>(
     what: &'static str,
     of: &str,
 ) -> Result<T, StoreError> {
-    serde_json::from_str(text).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
+    serde_json::from_str(text).map_err(StoreError::damaged(what, of))
 }
 
 /// Encodes a value as JSON text; `of` names the row in the error.
@@ -67,7 +67,7 @@ pub(in crate::store) fn to_json<T: Serialize>(
     what: &'static str,
     of: &str,
 ) -> Result<String, StoreError> {
-    serde_json::to_string(value).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
+    serde_json::to_string(value).map_err(StoreError::damaged(what, of))
 }
 
 /// Converts a stored asset name.

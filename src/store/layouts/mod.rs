@@ -55,11 +55,7 @@ impl Columns {
         what: &'static str,
         of: &str,
     ) -> Result<Self, StoreError> {
-        let value = serde_json::to_value(value).map_err(|source| StoreError::Damaged {
-            what,
-            of: of.to_owned(),
-            source,
-        })?;
+        let value = serde_json::to_value(value).map_err(StoreError::damaged(what, of))?;
         let (mut numbers, mut texts) = (Vec::new(), Vec::new());
         let layout = to_json(&split(value, &mut numbers, &mut texts), what, of)?;
         numbers.append(&mut texts);
@@ -194,11 +190,7 @@ impl Layouts {
         let bytes: Option<Vec<u8>> = get(row, "posterior")?;
         let Some(bytes) = bytes else { return Ok(None) };
         let (depths, content) = self.layout(&bytes, "posterior", of)?;
-        let wear_um = serde_json::from_value(depths.clone()).map_err(|source| StoreError::Damaged {
-            what: "wear_um",
-            of: of.to_owned(),
-            source,
-        })?;
+        let wear_um = serde_json::from_value(depths.clone()).map_err(StoreError::damaged("wear_um", of))?;
         let probability = content.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
         Ok(Some(Posterior { wear_um, probability }))
     }
@@ -222,7 +214,7 @@ impl Layouts {
         what: &'static str,
         of: &str,
     ) -> Result<T, StoreError> {
-        let damaged = |source| StoreError::Damaged { what, of: of.to_owned(), source };
+        let damaged = StoreError::damaged(what, of);
         if bytes.first() != Some(&COLUMNS) {
             return serde_json::from_slice(bytes).map_err(damaged);
         }

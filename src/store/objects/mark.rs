@@ -27,11 +27,7 @@ impl Objects {
         let Some(bytes) = self.backend.file(PATH)? else {
             return Ok(None);
         };
-        let mark = serde_json::from_slice(&bytes).map_err(|source| StoreError::Damaged {
-            what: "mark",
-            of: PATH.to_owned(),
-            source,
-        })?;
+        let mark = serde_json::from_slice(&bytes).map_err(StoreError::damaged("mark", PATH))?;
         Ok(Some(mark))
     }
 
@@ -65,10 +61,6 @@ impl Objects {
 }
 
 fn json(mark: &StoreMark) -> Result<Bytes, StoreError> {
-    let json = serde_json::to_vec(mark).map_err(|source| StoreError::Damaged {
-        what: "mark",
-        of: PATH.to_owned(),
-        source,
-    })?;
+    let json = serde_json::to_vec(mark).map_err(StoreError::damaged("mark", PATH))?;
     Ok(json.into())
 }

@@ -249,13 +249,7 @@ impl Objects {
     }
 
     fn read<T: DeserializeOwned>(&self, path: &str) -> Result<Option<T>, StoreError> {
-        let read = |bytes: Bytes| {
-            serde_json::from_slice(&bytes).map_err(|source| StoreError::Damaged {
-                what: "note",
-                of: path.to_owned(),
-                source,
-            })
-        };
+        let read = |bytes: Bytes| serde_json::from_slice(&bytes).map_err(StoreError::damaged("note", path));
         self.backend.file(path)?.map(read).transpose()
     }
 }
@@ -265,11 +259,7 @@ fn asset_path(id: &AssetId) -> String {
 }
 
 fn json(path: &str, note: &impl Serialize) -> Result<Bytes, StoreError> {
-    let json = serde_json::to_vec(note).map_err(|source| StoreError::Damaged {
-        what: "note",
-        of: path.to_owned(),
-        source,
-    })?;
+    let json = serde_json::to_vec(note).map_err(StoreError::damaged("note", path))?;
     Ok(json.into())
 }
 
