@@ -286,10 +286,8 @@ impl Store {
         let mut found = Vec::new();
         for chunk in assets.chunks(ASSETS_AT_ONCE) {
             let text = text(&placeholders(1, chunk.len()));
-            let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(chunk.len()));
-            for asset in chunk {
-                query = query.bind(asset.as_str());
-            }
+            let query = sqlx::query(&text).persistent(self.dialect().caches_statement(chunk.len()));
+            let query = chunk.iter().fold(query, |query, asset| query.bind(asset.as_str()));
             found.extend(query.fetch_all(self.read()).await?);
         }
         Ok(found)

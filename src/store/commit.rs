@@ -71,10 +71,8 @@ impl Commit {
             placeholders(1, ids.len()),
             self.dialect.for_share()
         );
-        let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(ids.len()));
-        for id in ids {
-            query = query.bind(id.as_str());
-        }
+        let query = sqlx::query(&text).persistent(self.dialect.caches_statement(ids.len()));
+        let query = ids.iter().fold(query, |query, id| query.bind(id.as_str()));
         let rows = query.fetch_all(&mut *self.transaction).await?;
         let assets = rows.iter().map(|row| asset_of(row).map(|asset| (asset.spec.id.clone(), asset)));
         let assets: HashMap<AssetId, Asset> = assets.collect::<Result<_, StoreError>>()?;
@@ -132,10 +130,9 @@ impl Commit {
                 "SELECT * FROM channels WHERE {which} ORDER BY asset_id, name{}",
                 self.dialect.for_update()
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
-            for (asset, name) in chunk {
-                query = query.bind(asset.as_str()).bind(*name);
-            }
+            let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
+            let query =
+                chunk.iter().fold(query, |query, (asset, name)| query.bind(asset.as_str()).bind(*name));
             for row in query.fetch_all(&mut *self.transaction).await? {
                 let channel = channel_of(&row)?;
                 found.insert((channel.asset_id.clone(), channel.channel.clone()), channel);

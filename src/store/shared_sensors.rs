@@ -79,10 +79,8 @@ impl Store {
         let text = format!(
             "SELECT asset_id, of_asset FROM shared_sensors WHERE asset_id IN ({list}) OR of_asset IN ({list})"
         );
-        let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(ids.len()));
-        for id in ids {
-            query = query.bind(id.as_str());
-        }
+        let query = sqlx::query(&text).persistent(self.dialect().caches_statement(ids.len()));
+        let query = ids.iter().fold(query, |query, id| query.bind(id.as_str()));
         let mut sharing = BTreeSet::new();
         for row in query.fetch_all(self.read()).await? {
             sharing.insert(asset_id(get(&row, "asset_id")?)?);

@@ -119,10 +119,8 @@ impl Store {
         let after = filter.after.as_ref().map(|(time, _)| to_ns(*time)).transpose()?;
         let last = bound.len() + 2 + usize::from(after.is_some());
         text += &format!(" ORDER BY l.changed_at_ns DESC, l.id DESC LIMIT ${last}");
-        let mut query = sqlx::query(&text).bind(to_ns(now)?);
-        for value in bound {
-            query = query.bind(value);
-        }
+        let query = sqlx::query(&text).bind(to_ns(now)?);
+        let mut query = bound.into_iter().fold(query, |query, value| query.bind(value));
         if let Some(after) = after {
             query = query.bind(after);
         }

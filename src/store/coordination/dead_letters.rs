@@ -48,10 +48,8 @@ impl Store {
                 "SELECT segment_id, times FROM dead_letters WHERE segment_id IN ({})",
                 placeholders(1, chunk.len())
             );
-            let mut query = sqlx::query(&text);
-            for segment in chunk {
-                query = query.bind(segment.0.as_str());
-            }
+            let query =
+                chunk.iter().fold(sqlx::query(&text), |query, segment| query.bind(segment.0.as_str()));
             for row in query.fetch_all(self.read()).await? {
                 let times: i64 = get(&row, "times")?;
                 found.insert(SegmentId(get(&row, "segment_id")?), u32::try_from(times).unwrap_or(u32::MAX));

@@ -67,10 +67,9 @@ impl Store {
              ON CONFLICT (partition_no) DO NOTHING RETURNING partition_no",
             rows_of_placeholders(partitions.len(), 2)
         );
-        let mut query = sqlx::query(&text).persistent(false);
-        for partition in partitions {
-            query = query.bind(i64::from(*partition)).bind(worker);
-        }
+        let query = sqlx::query(&text).persistent(false);
+        let query =
+            partitions.iter().fold(query, |query, partition| query.bind(i64::from(*partition)).bind(worker));
         let claimed = query.fetch_all(self.write()?).await?;
         let numbers = claimed.iter().map(|row| get::<i64>(row, "partition_no"));
         numbers.filter_map(|number| number.map(|number| u16::try_from(number).ok()).transpose()).collect()
@@ -85,10 +84,8 @@ impl Store {
             "DELETE FROM queue_partitions WHERE worker = $1 AND partition_no IN ({})",
             placeholders(2, partitions.len())
         );
-        let mut query = sqlx::query(&text).persistent(false).bind(worker);
-        for partition in partitions {
-            query = query.bind(i64::from(*partition));
-        }
+        let query = sqlx::query(&text).persistent(false).bind(worker);
+        let query = partitions.iter().fold(query, |query, partition| query.bind(i64::from(*partition)));
         query.execute(self.write()?).await?;
         Ok(())
     }

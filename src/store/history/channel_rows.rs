@@ -211,10 +211,9 @@ impl Commit {
                  ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
                 rows_of_placeholders(chunk.len(), 2)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
-            for (asset, bytes) in chunk {
-                query = query.bind(asset.as_str()).bind(*bytes);
-            }
+            let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
+            let query =
+                chunk.iter().fold(query, |query, (asset, bytes)| query.bind(asset.as_str()).bind(*bytes));
             query.execute(&mut *self.transaction).await?;
         }
         Ok(())

@@ -84,10 +84,10 @@ impl Commit {
         if !without.is_empty() {
             let which = any_of(without.len(), &["segment_id =", "generation ="]);
             let text = format!("DELETE FROM wear_posteriors WHERE {which}");
-            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(without.len()));
-            for row in without {
-                query = query.bind(row.segment.0.as_str()).bind(row.generation);
-            }
+            let query = sqlx::query(&text).persistent(self.dialect.caches_statement(without.len()));
+            let query = without
+                .iter()
+                .fold(query, |query, row| query.bind(row.segment.0.as_str()).bind(row.generation));
             query.execute(&mut *self.transaction).await?;
         }
         if !with.is_empty() {

@@ -144,10 +144,8 @@ impl LayoutCache {
             return Ok(Layouts(found));
         }
         let text = format!("SELECT id, layout FROM layouts WHERE id IN ({})", placeholders(1, ids.len()));
-        let mut query = sqlx::query(&text).persistent(false);
-        for id in ids {
-            query = query.bind(id);
-        }
+        let query = sqlx::query(&text).persistent(false);
+        let query = ids.iter().fold(query, |query, id| query.bind(id));
         let mut read = HashMap::new();
         for row in query.fetch_all(executor).await? {
             let layout = from_json(&get::<String>(&row, "layout")?, "layout", "a record")?;
@@ -246,10 +244,8 @@ impl Commit {
                 "INSERT INTO layouts (id, layout) VALUES {} ON CONFLICT (id) DO NOTHING",
                 rows_of_placeholders(chunk.len(), 2)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
-            for (id, layout) in chunk {
-                query = query.bind(*id).bind(layout.as_str());
-            }
+            let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
+            let query = chunk.iter().fold(query, |query, (id, layout)| query.bind(*id).bind(layout.as_str()));
             query.execute(&mut *self.transaction).await?;
         }
         for (id, layout) in new {

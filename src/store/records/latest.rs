@@ -97,10 +97,8 @@ impl Store {
              WHERE c.channel_no IN ({})",
             placeholders(1, channels.len())
         );
-        let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(channels.len()));
-        for channel in channels {
-            query = query.bind(*channel);
-        }
+        let query = sqlx::query(&text).persistent(self.dialect().caches_statement(channels.len()));
+        let query = channels.iter().fold(query, |query, channel| query.bind(*channel));
         let rows = query.fetch_all(self.read()).await?;
         let layouts =
             self.layouts().of(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;

@@ -141,10 +141,7 @@ pub(in crate::store) async fn kept_among(
             "SELECT DISTINCT sha256 FROM raw_objects WHERE sha256 IN ({})",
             placeholders(1, chunk.len())
         );
-        let mut query = sqlx::query(&text);
-        for name in chunk {
-            query = query.bind(name.as_str());
-        }
+        let query = chunk.iter().fold(sqlx::query(&text), |query, name| query.bind(name.as_str()));
         for row in query.fetch_all(&mut **transaction).await? {
             kept.insert(get(&row, "sha256")?);
         }

@@ -135,10 +135,8 @@ impl Commit {
                 "SELECT id, start_time_ns, raw_sha256 FROM segments WHERE channel_no = $1 AND id IN ({})",
                 placeholders(2, chunk.len())
             );
-            let mut query = sqlx::query(&text).bind(channel.channel_no);
-            for id in chunk {
-                query = query.bind(id.0.as_str());
-            }
+            let query = sqlx::query(&text).bind(channel.channel_no);
+            let query = chunk.iter().fold(query, |query, id| query.bind(id.0.as_str()));
             for row in query.fetch_all(&mut *self.transaction).await? {
                 let start_time = from_ns(get(&row, "start_time_ns")?);
                 records.push(RemovableRecord {
@@ -197,10 +195,8 @@ impl Commit {
                  WHERE c.asset_id = $1 AND s.raw_sha256 IN ({})",
                 placeholders(2, chunk.len())
             );
-            let mut query = sqlx::query(&text).bind(asset.as_str());
-            for name in chunk {
-                query = query.bind(name.as_str());
-            }
+            let query = sqlx::query(&text).bind(asset.as_str());
+            let query = chunk.iter().fold(query, |query, name| query.bind(name.as_str()));
             let rows = query.fetch_all(&mut *self.transaction).await?;
             let used = rows.iter().map(|row| get(row, "raw_sha256"));
             let used: HashSet<String> = used.collect::<Result<_, StoreError>>()?;

@@ -191,10 +191,7 @@ impl Store {
         let mut known = HashSet::new();
         for chunk in ids.chunks(200) {
             let text = format!("SELECT id FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
-            let mut query = sqlx::query(&text);
-            for id in chunk {
-                query = query.bind(id.0.as_str());
-            }
+            let query = chunk.iter().fold(sqlx::query(&text), |query, id| query.bind(id.0.as_str()));
             for row in query.fetch_all(self.read()).await? {
                 known.insert(SegmentId(get(&row, "id")?));
             }
@@ -210,10 +207,7 @@ impl Store {
                 "{SEGMENT} FROM segments s {SERVED} WHERE s.id IN ({})",
                 placeholders(1, chunk.len())
             );
-            let mut query = sqlx::query(&text);
-            for id in chunk {
-                query = query.bind(id.0.as_str());
-            }
+            let query = chunk.iter().fold(sqlx::query(&text), |query, id| query.bind(id.0.as_str()));
             let rows = query.fetch_all(self.read()).await?;
             let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
             let mut by_id = HashMap::with_capacity(rows.len());

@@ -157,10 +157,8 @@ impl Store {
             commit.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
         for chunk in removed.chunks(ROWS_AT_ONCE) {
             let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
-            let mut query = sqlx::query(&text).persistent(commit.dialect.caches_statement(chunk.len()));
-            for record in chunk {
-                query = query.bind(record.id.0.as_str());
-            }
+            let query = sqlx::query(&text).persistent(commit.dialect.caches_statement(chunk.len()));
+            let query = chunk.iter().fold(query, |query, record| query.bind(record.id.0.as_str()));
             query.execute(&mut *commit.transaction).await?;
         }
         sqlx::query("UPDATE channels SET thinned_until_ns = $2 WHERE channel_no = $1")
