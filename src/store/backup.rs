@@ -45,17 +45,11 @@ pub struct Copied {
 pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Result<Copied, StoreError> {
     let (database, copy) = (data.join(DATABASE), to.join(DATABASE));
     if !database.exists() {
-        return Err(StoreError::Folder {
-            path: data.to_path_buf(),
-            what: "has no flankwatch.db, expected a data folder",
-        });
+        return Err(unfit(data, "has no flankwatch.db, expected a data folder"));
     }
     integrity::check_header(&database)?;
     if to.join("lock").exists() {
-        return Err(StoreError::Folder {
-            path: to.to_path_buf(),
-            what: "is a data folder, expected an empty folder or an earlier backup",
-        });
+        return Err(unfit(to, "is a data folder, expected an empty folder or an earlier backup"));
     }
     let (source, raw) = (Objects::open_to_read(data.join("raw")), Objects::open(to.join("raw"))?);
     // Read before that of the database, whose generation is raised first.
@@ -63,7 +57,7 @@ pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Resul
     let mark = mark_of(&database).await?;
     let is_current = among.is_some_and(|among| identity::reason(&mark, &among).is_none());
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
-        return Err(StoreError::Folder { path: to.to_path_buf(), what: "is a backup of another store" });
+        return Err(unfit(to, "is a backup of another store"));
     }
     let mut streams = StreamCopies::make(data, to, false)?;
     copy_database(&database, &copy).await?;
@@ -86,6 +80,11 @@ pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Resul
     Ok(copied)
 }
 
+/// The error of a folder that cannot be copied from or to.
+fn unfit(folder: &Path, what: &'static str) -> StoreError {
+    StoreError::Folder { path: folder.to_path_buf(), what }
+}
+
 /// Restores a backup into a data folder without a database. Existing objects, notes and streams are kept:
 /// they are newer than the backup. The mark of existing objects says so too, so that the next start reports
 /// it.
@@ -94,17 +93,14 @@ pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Resul
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (backup, database) = (from.join(DATABASE), data.join(DATABASE));
     if !backup.exists() {
-        return Err(StoreError::Folder {
-            path: from.to_path_buf(),
-            what: "has no flankwatch.db, expected a backup",
-        });
+        return Err(unfit(from, "has no flankwatch.db, expected a backup"));
     }
     integrity::check_header(&backup)?;
     if database.exists() {
-        return Err(StoreError::Folder {
-            path: data.to_path_buf(),
-            what: "has a database already, expected a folder without one: move its flankwatch.db* files away first",
-        });
+        return Err(unfit(
+            data,
+            "has a database already, expected a folder without one: move its flankwatch.db* files away first",
+        ));
     }
     let (names, mark) = (names_in(&backup).await?, mark_of(&backup).await?);
     let (source, raw) = (Objects::open_to_read(from.join("raw")), Objects::open(data.join("raw"))?);
