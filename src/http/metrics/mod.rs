@@ -88,7 +88,7 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
     text.head("flankwatch_build_info", "gauge", "The running version.");
     text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
     let segments = service.store.segment_count().await?;
-    text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
+    text.gauge("flankwatch_segments", "Segments in the store.", segments);
     let tally = &service.tally;
     text.head("flankwatch_records_total", "counter", "Records received since the start, by outcome.");
     let outcomes = [
@@ -101,10 +101,9 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
     let (used, capacity) = service.workers.queue();
-    text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
-    text.single(
+    text.gauge("flankwatch_ingest_queue_used", "Uploads being processed or waiting.", used);
+    text.gauge(
         "flankwatch_ingest_queue_limit",
-        "gauge",
         "Maximum number of uploads; further ones are refused.",
         capacity,
     );

@@ -62,41 +62,31 @@ pub fn queue_metrics(overview: &QueueOverview, now: Timestamp) -> String {
 
 fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
     let oldest_age_s = overview.oldest_at.map_or(0.0, |at| now.duration_since(at).as_secs_f64().max(0.0));
-    text.single(
+    text.gauge(
         "flankwatch_queue_records",
-        "gauge",
         "Records of the cluster that are waiting or being processed.",
         overview.records,
     );
-    text.single(
+    text.gauge(
         "flankwatch_queue_records_in_work",
-        "gauge",
         "Of these, records that a worker has not acknowledged yet.",
         overview.in_work,
     );
-    text.single(
-        "flankwatch_queue_oldest_age_seconds",
-        "gauge",
-        "Age of the oldest of these records.",
-        oldest_age_s,
-    );
-    text.single(
+    text.gauge("flankwatch_queue_oldest_age_seconds", "Age of the oldest of these records.", oldest_age_s);
+    text.gauge(
         "flankwatch_queue_leftover_messages",
-        "gauge",
         "Acknowledged messages that the queue's server still keeps.",
         overview.leftovers,
     );
-    text.single(
+    text.gauge(
         "flankwatch_dead_letters",
-        "gauge",
         "Dead letters: records that could not be stored, kept until they are retried or dropped.",
         overview.dead_letters,
     );
-    text.single(
+    text.gauge(
         "flankwatch_queue_partitions_unowned",
-        "gauge",
         "Partitions of the queue that no responding worker owns.",
         overview.partitions_unowned,
     );
-    text.single("flankwatch_workers_alive", "gauge", "Responding workers.", overview.workers.len());
+    text.gauge("flankwatch_workers_alive", "Responding workers.", overview.workers.len());
 }

@@ -76,8 +76,9 @@ impl MetricsText {
         }
     }
 
-    pub(crate) fn single(&mut self, name: &str, kind: &str, help: &str, value: impl std::fmt::Display) {
-        self.head(name, kind, help);
+    /// Writes a gauge with one value.
+    pub(crate) fn gauge(&mut self, name: &str, help: &str, value: impl std::fmt::Display) {
+        self.head(name, "gauge", help);
         self.line(name, &[], value);
     }
 
