@@ -130,24 +130,19 @@ impl DatabaseTable {
 
 impl ObjectsTable {
     fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, ClusterError> {
+        let lacks = |field, expected| Err(invalid(field, "missing", expected));
         let credentials = match (&secrets.s3_access_key_id, &secrets.s3_secret_access_key) {
             (Some(id), Some(secret)) => {
                 Some(BucketCredentials { access_key_id: id.clone(), secret_access_key: secret.clone() })
             }
             (None, None) => None,
             (Some(_), None) => {
-                return Err(invalid(
-                    "FLANKWATCH_S3_SECRET_ACCESS_KEY",
-                    "missing",
-                    "the secret of FLANKWATCH_S3_ACCESS_KEY_ID",
-                ));
+                let expected = "the secret of FLANKWATCH_S3_ACCESS_KEY_ID";
+                return lacks("FLANKWATCH_S3_SECRET_ACCESS_KEY", expected);
             }
             (None, Some(_)) => {
-                return Err(invalid(
-                    "FLANKWATCH_S3_ACCESS_KEY_ID",
-                    "missing",
-                    "the key of FLANKWATCH_S3_SECRET_ACCESS_KEY",
-                ));
+                let expected = "the key of FLANKWATCH_S3_SECRET_ACCESS_KEY";
+                return lacks("FLANKWATCH_S3_ACCESS_KEY_ID", expected);
             }
         };
         match (&self.bucket, &self.folder) {
@@ -159,11 +154,7 @@ impl ObjectsTable {
                 prefix: self.prefix.clone().unwrap_or_default(),
             }),
             (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
-            (None, None) => Err(invalid(
-                "cluster.objects",
-                "missing",
-                "a bucket, or a folder that every process can access",
-            )),
+            (None, None) => lacks("cluster.objects", "a bucket, or a folder that every process can access"),
             (Some(_), Some(_)) => {
                 Err(invalid("cluster.objects", "a bucket and a folder", "only one of them"))
             }

@@ -102,23 +102,14 @@ impl MqttTable {
     pub fn resolve(self, credentials: MqttCredentials, max_bytes: usize) -> Result<MqttSettings, MqttError> {
         let url = self.url.unwrap_or_default();
         let (is_tls, host, port) = parse_url(&url)?;
-        let tls = match (self.certificate, self.key) {
-            (None, None) => TlsFiles::default(),
-            (Some(certificate), Some(key)) => {
-                TlsFiles { client: Some((certificate, key)), ..TlsFiles::default() }
-            }
-            (Some(_), None) => {
-                return Err(MqttError::setting("key", "missing", "both certificate and key or neither"));
-            }
-            (None, Some(_)) => {
-                return Err(MqttError::setting(
-                    "certificate",
-                    "missing",
-                    "both certificate and key or neither",
-                ));
-            }
+        let lacks = |field| Err(MqttError::setting(field, "missing", "both certificate and key or neither"));
+        let client = match (self.certificate, self.key) {
+            (None, None) => None,
+            (Some(certificate), Some(key)) => Some((certificate, key)),
+            (Some(_), None) => return lacks("key"),
+            (None, Some(_)) => return lacks("certificate"),
         };
-        let tls = TlsFiles { ca_file: self.ca_file, ..tls };
+        let tls = TlsFiles { ca_file: self.ca_file, client };
         if !is_tls && (tls.ca_file.is_some() || tls.client.is_some()) {
             return Err(MqttError::setting("url", url, "mqtts://…, where certificates are given"));
         }
