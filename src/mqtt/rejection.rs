@@ -1,5 +1,6 @@
 //! The rejection of a message, published as JSON: problem details (RFC 9457) with a reference to the message.
 
+use axum::http::StatusCode;
 use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -45,19 +46,10 @@ struct RejectedMessage<'a> {
 
 impl Rejection {
     pub(super) fn new(status: u16, detail: impl Into<String>) -> Self {
+        let title = StatusCode::from_u16(status).ok().and_then(|status| status.canonical_reason());
         Self(Box::new(Details {
             kind: "about:blank",
-            title: match status {
-                400 => "Bad Request",
-                404 => "Not Found",
-                409 => "Conflict",
-                410 => "Gone",
-                413 => "Payload Too Large",
-                415 => "Unsupported Media Type",
-                422 => "Unprocessable Entity",
-                503 => "Service Unavailable",
-                _ => "Internal Server Error",
-            },
+            title: title.unwrap_or("Internal Server Error"),
             status,
             detail: detail.into(),
             field: None,
