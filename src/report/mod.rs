@@ -21,6 +21,7 @@ use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 pub use cover::{Contents, Cover, Form};
 pub use events::{ReportedAlarm, quantity_words, reading_words};
 pub use wording::INDICATORS;
+pub(crate) use wording::escape;
 
 /// The contents of a report.
 #[derive(Debug, Default)]

@@ -24,6 +24,6 @@ pub const INDICATORS: [(&str, &str, &str); 8] = [
 pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
 /// Escapes text for HTML.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -3,6 +3,7 @@
 use super::panel::{COLOURS, Panel};
 use crate::cli::plot;
 use crate::figures::{Check, Figures, IndicatorState, Lines, MeshState, Vibration};
+use crate::report::escape;
 
 /// Limit of Δφ₂ in Fig. 13 (c), in 1e-4 rad.
 const MAX_LEAD: f64 = 6.0;
@@ -361,8 +362,4 @@ fn indicators(figures: &Figures) -> String {
     let caption =
         "Condition indicators of all wear states; ρ is Spearman's rank correlation with the state number.";
     section(figures, 22, "condition indicators", caption, panels)
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
