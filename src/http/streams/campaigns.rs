@@ -5,7 +5,8 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use serde::Deserialize;
 
-use crate::asset::{AssetId, DEFAULT_STREAM};
+use super::StreamName;
+use crate::asset::DEFAULT_STREAM;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::query::{AssetInPath, Parameters};
@@ -26,15 +27,6 @@ pub(crate) struct CampaignParameters {
     seconds: Option<f64>,
 }
 
-/// The campaign to end.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct CampaignEndParameters {
-    /// The stream's name, default `main`.
-    name: Option<String>,
-}
-
 /// Start a measuring campaign
 ///
 /// All samples from now on become back-to-back records, regardless of the asset's stream settings. A running
@@ -43,7 +35,7 @@ pub(crate) struct CampaignEndParameters {
     post,
     path = "/v1/assets/{asset}/stream/campaign",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
+    params(CampaignParameters),
     responses(
         (status = 200, body = CampaignStatus),
     ),
@@ -68,13 +60,13 @@ pub(crate) async fn begin(
     delete,
     path = "/v1/assets/{asset}/stream/campaign",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), CampaignEndParameters),
+    params(StreamName),
     responses((status = 204, description = "No campaign is running")),
 )]
 pub(crate) async fn end(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(params): Parameters<CampaignEndParameters>,
+    Parameters(params): Parameters<StreamName>,
 ) -> Result<StatusCode, Problem> {
     let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
     app.service.streams.end_campaign(&asset, name).await?;

@@ -8,10 +8,11 @@ use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::unfold;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use tokio::sync::watch;
 
-use crate::asset::{AssetId, DEFAULT_STREAM};
+use super::StreamName;
+use crate::asset::DEFAULT_STREAM;
 use crate::http::access::TokenWatch;
 use crate::http::access::session::Caller;
 use crate::http::access::shares::{Client, Share};
@@ -23,15 +24,6 @@ use crate::service::{LiveFrame, LiveUpdate, StreamViewer};
 
 /// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-
-/// The stream to watch.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LiveParameters {
-    /// The stream's name, default `main`.
-    name: Option<String>,
-}
 
 /// One server-sent event of a live view.
 #[derive(utoipa::ToSchema)]
@@ -69,7 +61,7 @@ struct LiveWaiting {
     get,
     path = "/v1/assets/{asset}/stream/live",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), LiveParameters),
+    params(StreamName),
     responses(
         (status = 200, body = LiveViewEvent, content_type = "text/event-stream"),
         (status = 503, description = "Too many streams are open"),
@@ -78,7 +70,7 @@ struct LiveWaiting {
 pub(crate) async fn watch(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(params): Parameters<LiveParameters>,
+    Parameters(params): Parameters<StreamName>,
     client: Client,
     caller: Option<Extension<Caller>>,
 ) -> Result<Response, Problem> {

@@ -25,7 +25,7 @@ use super::access::TokenWatch;
 use super::access::session::Caller;
 use super::access::shares::{Client, Share};
 use super::app::App;
-use super::problem::{Details, Problem};
+use super::problem::Problem;
 use super::request::body::{self, BodySource};
 use super::request::query::{AssetInPath, Parameters};
 use super::server::connections::closing;
@@ -96,6 +96,15 @@ fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::E
         Some(index) => Err(D::Error::custom(format!("the index is {index}, expected a number below 2^63"))),
         None => Ok(index),
     }
+}
+
+/// A stream of an asset.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StreamName {
+    /// The stream's name, default `main`.
+    name: Option<String>,
 }
 
 /// The requested levels.
@@ -187,12 +196,12 @@ async fn open(
     get,
     path = "/v1/assets/{asset}/stream",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    params(StreamParameters),
     responses(
         (status = 200, body = StreamView),
         (status = 101, description = "Messages of `docs/streams.md` follow"),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format"),
-        (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid format"),
+        (status = 409, description = "The stream has another format"),
+        (status = 422, description = "Invalid format"),
     ),
 )]
 pub(super) async fn connect(
@@ -225,11 +234,11 @@ pub(super) async fn connect(
     post,
     path = "/v1/assets/{asset}/stream",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    params(StreamParameters),
     request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
     responses(
         (status = 200, body = StreamAnswer),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection is sending it"),
+        (status = 409, description = "The stream has another format, or another connection is sending it"),
     ),
 )]
 pub(super) async fn send(
@@ -363,7 +372,6 @@ fn incomplete_frame(received: u64, frame_bytes: usize, channels: usize) -> Strin
     get,
     path = "/v1/assets/{asset}/streams",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset")),
     responses((status = 200, body = StreamList)),
 )]
 pub(super) async fn list(
@@ -381,7 +389,7 @@ pub(super) async fn list(
     get,
     path = "/v1/assets/{asset}/stream/levels",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), LevelParameters),
+    params(LevelParameters),
     responses((status = 200, body = LevelList)),
 )]
 pub(super) async fn levels(
@@ -415,8 +423,8 @@ pub(super) async fn levels(
     post,
     path = "/v1/assets/{asset}/stream/keep",
     tag = "streams",
-    params(("asset" = AssetId, Path, description = "The asset"), KeepParameters),
-    responses((status = 200, body = KeptView), (status = 422, body = Details, content_type = "application/problem+json", description = "The requested seconds are not available")),
+    params(KeepParameters),
+    responses((status = 200, body = KeptView), (status = 422, description = "The requested seconds are not available")),
 )]
 pub(super) async fn keep(
     State(app): State<App>,
