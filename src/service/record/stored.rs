@@ -139,16 +139,11 @@ impl StoredRecords {
 
     /// Computes the amplitude spectrum of a segment and its mesh harmonics.
     pub async fn spectrum(&self, segment: &Segment) -> Result<(Spectrum, Vec<MeshLine>), ServiceError> {
-        let spec = described(&self.store, &segment.asset_id).await?.spec;
-        let record = self.recall(segment).await?;
-        let samples = record.samples().len();
-        let analyse = move || {
-            with_analyzer(samples, |analyzer| {
-                let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
-                (analyzer.amplitude_spectrum(&record), lines)
-            })
+        let analyse = |analyzer: &mut Analyzer, record: &Record, mesh: &MeshContext| {
+            let lines = analyzer.analyze(record, mesh).mesh_lines;
+            (analyzer.amplitude_spectrum(record), lines)
         };
-        self.workers.run_analysis("compute a spectrum", samples, analyse).await
+        self.analyse_stored(segment, "compute a spectrum", analyse).await
     }
 
     /// Computes the envelope spectrum of a segment in the requested band, else in that of the asset, else in
