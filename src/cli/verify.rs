@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub(super) struct VerifyArgs {
     #[command(flatten)]
     place: StorePlace,
-    /// Check only that raw recordings exist, not their hashes
+    /// Check only that raw recordings exist and have their size, not their hashes
     #[arg(long)]
     without_hashes: bool,
 }

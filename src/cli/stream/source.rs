@@ -154,7 +154,8 @@ mod tests {
         let mut wav =
             b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x01\0\x01\0\x40\x1f\0\0\0\x7d\0\0\x04\0\x18\0".to_vec();
         wav.extend_from_slice(b"data\0\0\0\0");
-        for sample in [1_i32, 0x20_0000, -0x40_0000, 0x40_0000] {
+        // The lowest bits show where the 24 bits are.
+        for sample in [1_i32, 0x20_0001, -0x40_0000, 0x40_0000] {
             wav.extend_from_slice(&sample.to_le_bytes());
         }
         let folder = tempfile::tempdir().unwrap();
@@ -164,7 +165,8 @@ mod tests {
         let mut source = Source::open(path, None, false, Arc::default()).unwrap();
         source.skip(path, 1).unwrap();
         let block = source.next().unwrap().unwrap();
-        assert_eq!(source.format().values(&block.bytes).collect::<Vec<_>>(), [0.25, -0.5, 0.5]);
+        let values: Vec<_> = source.format().values(&block.bytes).collect();
+        assert_eq!(values, [0.25 + f32::EPSILON, -0.5, 0.5]);
         assert!(source.next().unwrap().is_none());
     }
 }
