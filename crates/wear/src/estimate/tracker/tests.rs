@@ -377,21 +377,30 @@ fn an_unexplained_record_leaves_the_filter_unchanged() {
     assert_eq!(filter(&state), before);
 }
 
-/// The depth stays at the library's last one for a long time.
+/// The depth stays at the library's last one for a long time. One limit lies within the library, the other
+/// beyond it.
 #[test]
 fn at_the_end_of_the_library_a_least_depth_is_reported() {
     let library = Arc::new(synthetic_library());
-    let mut rng = ChaCha8Rng::seed_from_u64(19);
-    let tracker = tracker(&library);
-    let mut state = tracker.start();
-    let mut last = None;
-    for record in 0..NEED + 300 {
-        let um = (f64::from(record.saturating_sub(NEED)) * 1.2).min(245.0);
-        let at = Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
-        last = Some(tracker.update(&mut state, at, &seen(&library, um, 0.05, &mut rng)));
-    }
-    let wear = last.unwrap();
-    assert!(wear.at_least_um.is_some_and(|least| least > 150.0), "{}", wear.reason);
+    let estimates = |limit_um: f64| -> Vec<WearEstimate> {
+        let settings = EstimatorSettings { limit_um: Some(limit_um), ..settings() };
+        let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library.clone()))));
+        let mut rng = ChaCha8Rng::seed_from_u64(19);
+        let mut state = tracker.start();
+        let update = |record: u32| {
+            let um = (f64::from(record.saturating_sub(NEED)) * 1.2).min(245.0);
+            let at = Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
+            tracker.update(&mut state, at, &seen(&library, um, 0.05, &mut rng))
+        };
+        (0..NEED + 300).map(update).collect()
+    };
+    let (within, beyond) = (estimates(200.0), estimates(300.0));
+    let (early, last) = (NEED as usize + 10, NEED as usize + 299);
+    assert!(within[last].at_least_um.is_some_and(|least| least > 150.0), "{}", within[last].reason);
+    assert!(within[last].above_limit.is_some_and(|above| above > 0.5));
+    assert_eq!(beyond[last].median_um, within[last].median_um);
+    assert_eq!((beyond[early].above_limit, beyond[last].above_limit), (Some(0.0), None));
+    assert!(beyond[last].reason.contains("the limit of 300 µm lies beyond that"), "{}", beyond[last].reason);
 }
 
 #[test]

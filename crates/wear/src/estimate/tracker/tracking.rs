@@ -283,18 +283,26 @@ impl Tracker {
         if is_disputed {
             answer.status = WearStatus::NotIdentifiable;
         }
+        // Beyond the library, depths cannot be told apart.
+        let hidden_limit_um = self.settings.limit_um.filter(|limit_um| {
+            *limit_um >= ensemble.described().max_wear_um() && answer.at_least_um.is_some()
+        });
         let doubts = [
             is_disputed.then(|| "; the last records contradict the earlier ones".to_owned()),
             extrapolation.caveat().map(|caveat| format!("; {caveat}")),
             like_load.then(|| format!("; {LIKE_LOAD}")),
             is_beyond.then(|| format!("; {SUDDEN}")),
+            hidden_limit_um.map(|limit_um| {
+                format!("; the limit of {limit_um:.0} µm lies beyond that: whether wear has passed it is not known")
+            }),
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
             // A unit is a time at the described torque; at twice that torque it passes in half the time.
             let unit_s = tracking.clock.unit_s() / healthy.lines.mean_load();
             answer.prognosis = prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, unit_s);
-            answer.above_limit = Some(self.grid.probability_above(&by_depth, limit_um));
+            let above = self.grid.probability_above(&by_depth, limit_um);
+            answer.above_limit = hidden_limit_um.is_none().then_some(above);
         }
         answer.novelty = Some(novelty);
         answer
