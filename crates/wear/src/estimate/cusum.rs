@@ -9,7 +9,7 @@ use flankwatch_signal::ByName;
 use serde::{Deserialize, Serialize};
 
 /// The allowance k in standard deviations: more than errors of the baseline and slow wear cause.
-pub(super) const ALLOWANCE: f64 = 1.0;
+const ALLOWANCE: f64 = 1.0;
 
 /// Largest deviation of one record that counts, in standard deviations.
 const MAX_DEVIATIONS: f64 = 5.0;

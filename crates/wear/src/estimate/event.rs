@@ -18,7 +18,8 @@ pub enum MaintenanceKind {
     /// The machine runs at another speed or load from now on; handled like a replaced sensor.
     RegimeChanged,
     /// The teeth were inspected and their wear measured: the estimate continues from the depth in
-    /// [`MaintenanceEvent::inspection`]. Without effect while the first baseline of a gear pair is collected.
+    /// [`MaintenanceEvent::inspection`]. Without effect while the baseline of new gears or a chosen one is
+    /// collected.
     Inspected,
     /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: the earlier state is
     /// discarded, and wear counts from zero there.

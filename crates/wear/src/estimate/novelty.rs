@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use self::signs::TEETH;
 pub use self::signs::{MachineSign, SensorFault};
-use super::cusum::{ALLOWANCE, Cusums};
+use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};
 use flankwatch_signal::{EnvelopeLine, Features, NotComputed};
 
@@ -176,10 +176,10 @@ pub(super) fn judge(
         let followed = checks.iter().filter(|d| CUSUM_CHECKS.iter().any(|kind| d.name.starts_with(kind)));
         let followed =
             followed.map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CUSUM_SCATTER));
+        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
         // A record without lines says nothing about how they fit: their sum stays as it is.
-        let fit = |z: f64| if z.is_finite() { z - allowance } else { ALLOWANCE };
-        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(fit));
-        cusums.update(followed.chain(whole));
+        let seen = whole.filter(|(_, z)| *z > f64::NEG_INFINITY);
+        cusums.update(followed.chain(seen));
     }
     let lasting = cusums.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
