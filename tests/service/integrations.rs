@@ -118,6 +118,23 @@ fn the_spectra_of_an_export_are_spread_over_its_records() {
 }
 
 #[test]
+fn each_channel_has_its_share_of_the_spectra_of_an_export() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for n in 0..6 {
+        for channel in ["1", "2"] {
+            service.upload("pump", &record(channel, n));
+        }
+    }
+    let export = service.get("/v1/assets/pump/export?spectra=6").expect(200);
+    let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
+    let topics: Vec<String> = messages.map(|message| message.channel.topic.clone()).collect();
+    for topic in ["/pump/1/spectrum", "/pump/2/spectrum"] {
+        assert_eq!(topics.iter().filter(|name| *name == topic).count(), 3, "{topic}");
+    }
+}
+
+#[test]
 #[ignore = "needs Python's MCAP reader (pip install mcap mcap-protobuf-support)"]
 fn pythons_reader_opens_an_exported_history() {
     let python = on_path("python3").filter(|python| {

@@ -2,6 +2,7 @@
 
 mod provenance;
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -53,7 +54,8 @@ pub(super) struct ExportParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Number of spectra, spread evenly over the exported records; default 100, at most 10000.
+    /// Number of spectra, spread evenly over the exported records of every channel, each of which has at
+    /// least one; default 100, at most 10000.
     #[param(maximum = 10000)]
     spectra: Option<u64>,
     /// Whether the samples of the records are included; default false.
@@ -135,16 +137,17 @@ async fn write_export(
     };
     let with_waveforms = params.waveforms.unwrap_or(false);
     let at_once = if with_waveforms { 1 } else { PAGE };
-    let mut number = 0;
+    let mut passed: HashMap<String, u64> = HashMap::new();
     loop {
         let page = store.segments(asset, &filter, at_once).await?;
         let Some(last) = page.last() else { break };
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
-            // every k-th record, to approach the requested number
-            let is_chosen = spectra > 0 && number % records.div_ceil(spectra).max(1) == 0;
-            number += 1;
+            // every k-th record of each channel, to approach the requested number
+            let number = passed.entry(segment.channel.clone()).or_default();
+            let is_chosen = spectra > 0 && number.is_multiple_of(records.div_ceil(spectra).max(1));
+            *number += 1;
             let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
             let record = if with_waveforms { record_of(app, &segment).await? } else { None };
             with_spectra.push((segment, spectrum, record));
