@@ -66,6 +66,12 @@ export const CHECKS = {
     await page.getByLabel("From, UTC").blur();
     await settled(page, "1 to 3 of 3 records");
     assert.equal(parameters(page).get("status"), "collecting_baseline");
+    const link = await page.getByRole("link", { name: "Export as MCAP" }).getAttribute("href");
+    const { searchParams: exported } = new URL(link);
+    assert.deepEqual(Object.fromEntries(exported), {
+      status: "collecting_baseline",
+      from: "2026-03-01T08:05:00.000Z",
+    });
     await page.reload();
     await settled(page, "1 to 3 of 3 records");
     await page.getByRole("link", { name: "2026-03-01 08:06:00 UTC", exact: true }).click();

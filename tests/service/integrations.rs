@@ -135,6 +135,28 @@ fn each_channel_has_its_share_of_the_spectra_of_an_export() {
 }
 
 #[test]
+fn an_export_has_only_records_of_the_requested_statuses() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segments: Vec<Value> = (0..10).map(|n| service.upload("pump", &record("1", n))).collect();
+    let last = segments[9]["wear"]["status"].as_str().unwrap();
+    assert_ne!(segments[0]["wear"]["status"], last);
+    let count = |query: &str, kind: &str| {
+        let export = service.get(&format!("/v1/assets/pump/export?{query}")).expect(200);
+        let topic = format!("/pump/1/{kind}");
+        let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
+        messages.filter(|message| message.channel.topic == topic).count()
+    };
+    for query in [format!("status={last}&spectra=1"), format!("status={last}&spectra=1&waveforms=true")] {
+        assert_eq!((count(&query, "wear"), count(&query, "spectrum")), (2, 1), "{query}");
+    }
+    assert_eq!(count("status=collecting_baseline,excluded", "indicators"), 8);
+    service
+        .get("/v1/assets/pump/export?status=healthy")
+        .expect_problem(400, &["status", "healthy", "collecting_baseline"]);
+}
+
+#[test]
 #[ignore = "needs Python's MCAP reader (pip install mcap mcap-protobuf-support)"]
 fn pythons_reader_opens_an_exported_history() {
     let python = on_path("python3").filter(|python| {

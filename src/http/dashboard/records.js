@@ -216,7 +216,7 @@ export class RecordsPage {
       [this.#to, to],
     ])
       if (document.activeElement !== input) input.value = typed(time); // it would erase a time that is half typed
-    this.#export.href = api.address(["assets", this.#id, "export"], { channel, from, to });
+    this.#export.href = api.address(["assets", this.#id, "export"], this.#parameters());
   }
 
   #refuse(error) {

@@ -21,6 +21,7 @@ use super::app::App;
 use super::problem::Problem;
 use super::request::body::SpooledBody;
 use super::request::query::{AssetInPath, Parameters};
+use super::segments::record_choice::{RecordChoice, parse_statuses};
 use super::table::json_name;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
@@ -54,6 +55,9 @@ pub(super) struct ExportParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Only records whose estimate has one of these statuses, comma-separated; alarms do not depend on it.
+    #[param(example = "estimated,excluded")]
+    status: Option<String>,
     /// Number of spectra, spread evenly over the exported records of every channel, each of which has at
     /// least one; default 100, at most 10000.
     #[param(maximum = 10000)]
@@ -110,12 +114,14 @@ async fn write_export(
 ) -> Result<Response, Problem> {
     let store = &app.service.store;
     let spec = store.asset(asset).await?.spec;
+    let choice = RecordChoice { bin: None, statuses: parse_statuses(params.status.as_deref())? };
     let channels = store.channels(asset).await?;
     let is_wanted =
         |channel: &&ChannelSummary| params.channel.as_ref().is_none_or(|name| *name == channel.channel);
     let mut records = 0;
     for channel in channels.iter().filter(is_wanted).filter(|_| spectra > 0) {
-        records += store.trend(channel).await?.range(params.from, params.to).len() as u64;
+        let trend = store.trend(channel).await?;
+        records += choice.of(&trend, params.from, params.to).len() as u64;
     }
     let (file, spooled) = new_file(folder)?;
     let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file))?;
@@ -139,7 +145,7 @@ async fn write_export(
     let at_once = if with_waveforms { 1 } else { PAGE };
     let mut passed: HashMap<String, u64> = HashMap::new();
     loop {
-        let page = store.segments(asset, &filter, at_once).await?;
+        let page = choice.segments(store, asset, &filter, at_once).await?;
         let Some(last) = page.last() else { break };
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());

@@ -139,10 +139,7 @@ pub(super) async fn list(
         bin: selection::requested_bin(&spec, params.operating_bin.as_deref())?,
         statuses: record_choice::parse_statuses(params.status.as_deref())?,
     };
-    let segments = match choice.is_all() {
-        true => store.segments(&asset, &filter, limit + 1).await?,
-        false => choice.segments(store, &asset, &filter, limit as usize + 1).await?,
-    };
+    let segments = choice.segments(store, &asset, &filter, limit + 1).await?;
     let page = Page::new(segments, limit, |segment: &Segment| {
         query::cursor_of(&SegmentKey { start_time: segment.start_time, id: segment.id.clone() })
     });

@@ -31,13 +31,8 @@ pub(crate) struct RecordChoice {
 }
 
 impl RecordChoice {
-    /// Whether nothing is filtered.
-    pub(crate) fn is_all(&self) -> bool {
-        self.bin.is_none() && self.statuses.is_empty()
-    }
-
     /// The matching positions in a trend.
-    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Selection {
+    pub(crate) fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Selection {
         let selection = Selection::of(trend, from, to, self.bin.as_ref());
         match self.statuses.is_empty() {
             true => selection,
@@ -45,14 +40,18 @@ impl RecordChoice {
         }
     }
 
-    /// Returns up to `limit` segments, found in the histories of the asset's channels.
+    /// Returns up to `limit` segments; filtered ones are found in the histories of the asset's channels.
     pub(crate) async fn segments(
         &self,
         store: &Store,
         asset: &AssetId,
         filter: &SegmentFilter,
-        limit: usize,
+        limit: u32,
     ) -> Result<Vec<Segment>, StoreError> {
+        if self.bin.is_none() && self.statuses.is_empty() {
+            return store.segments(asset, filter, limit).await;
+        }
+        let limit = limit as usize;
         let mut keys: Vec<SegmentKey> = Vec::new();
         for channel in store.channels(asset).await? {
             if filter.channel.as_ref().is_some_and(|name| *name != channel.channel) {
