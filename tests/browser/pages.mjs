@@ -102,6 +102,11 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`, PHONE);
     await overviewDrawn(opened.page);
     await noSidewaysScrolling(opened.page);
+    for (const tab of await opened.page.locator(".tabs a:visible").all()) {
+      const { x, width } = await tab.boundingBox();
+      const label = await tab.innerText();
+      assert.ok(x >= 0 && x + width <= PHONE.viewport.width, `${label} ends at ${x + width} px`);
+    }
     await close(opened, name);
     for (const [address, view, plots] of VIEWS) {
       const shown = await open(address, PHONE);
