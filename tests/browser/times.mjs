@@ -139,6 +139,29 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "a trend does not run backwards when the clocks go back": async (name) => {
+    const id = await createAsset("backwards", {});
+    const samples = Array.from({ length: 2000 }, (_, n) => Math.sin(n * 0.49));
+    const starts = Array.from({ length: 10 }, (_, n) => new Date(Date.UTC(2025, 9, 25, 23, 20 * n)));
+    for (const start of starts) await sendRecord(id, { start_time: start.toISOString(), samples });
+    const opened = await open(`#/assets/${id}?times=local&trend=rms`, BERLIN);
+    const { page } = opened;
+    await page.locator('[data-plot="trends"] .plot').hover();
+    await drawn(page, "trends");
+    const times = await page.evaluate(() => {
+      const { data } = document.querySelector('[data-plot="trends"] .plot');
+      return data.map(({ x }) => x).find((x) => x?.length === 10);
+    });
+    assert.deepEqual(times, [...times].sort());
+    // 02:20 in summer time and in winter time share the hour from 02:00
+    assert.deepEqual(
+      [times[0], times[4], times[7], times[9]].map((time) => time.slice(11, 19)),
+      ["01:00:00", "02:10:00", "02:40:00", "03:00:00"],
+    );
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "entries outlast the choice of the time zone": async (name) => {
     const opened = await open(`#/assets/${asset}/settings`, BERLIN);
     const { page } = opened;

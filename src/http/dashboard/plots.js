@@ -5,7 +5,7 @@ import { h, svg } from "./dom.js";
 import { noteEarly } from "./early-pointer.js";
 import { stillPlot } from "./still-plot.js";
 import { colours, translucent } from "./theme.js";
-import { instant, isLocal, written, zoneName } from "./time-zone.js";
+import { fromAxis, isLocal, onAxis, zoneName } from "./time-zone.js";
 
 let loading;
 
@@ -89,7 +89,7 @@ function byClock(traces, layout) {
   if (!isLocal() || names.length === 0) return { traces, layout };
   const axes = names.map((key) => key.replace("axis", ""));
   const isTime = (name = "x") => axes.includes(name);
-  const write = (time) => (time === null || time === undefined ? time : written(time));
+  const write = (time) => (time === null || time === undefined ? time : onAxis(time));
   const shape = (each) => {
     if (!isTime(each.xref)) return each;
     // a size in pixels is anchored at a time
@@ -382,8 +382,8 @@ export async function pictureOf(element, scale, drawing) {
 /** A position on a time axis as reported by Plotly: as written there, or in milliseconds. */
 const instantOf = (end) =>
   typeof end === "string"
-    ? instant(end.replace(/Z$/, ""))
-    : instant(new Date(end).toISOString().slice(0, -1));
+    ? fromAxis(end.replace(/Z$/, ""))
+    : fromAxis(new Date(end).toISOString().slice(0, -1));
 
 /**
  * Calls back with `[from, to]` when the user changes the horizontal range (ISO times on time axes), or null

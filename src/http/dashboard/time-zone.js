@@ -5,6 +5,7 @@ import { format, parse } from "./route.js";
 
 const KEY = "flankwatch-times";
 const CHOICES = ["utc", "local"];
+const HOUR_MS = 3_600_000;
 
 function stored() {
   try {
@@ -45,6 +46,41 @@ export function zoneOf(time) {
 export function instant(text) {
   const full = text.replace(" ", "T").replace(/^(\d+-\d+-\d+)$/, "$1T00:00");
   return new Date(isLocal() ? full : `${full}Z`).toISOString();
+}
+
+/** By how much local time is ahead of UTC. */
+const ahead = (ms) => -new Date(ms).getTimezoneOffset() * 60_000;
+
+/** The times around a moment at which local clocks show one hour twice; null if they do not. */
+function shownTwice(ms) {
+  if (!isLocal()) return null;
+  let [before, after] = [ms - HOUR_MS, ms + HOUR_MS];
+  const back = ahead(before) - ahead(after);
+  if (back <= 0) return null;
+  while (after - before > 1) {
+    const middle = Math.floor((before + after) / 2);
+    if (ahead(middle) === ahead(after)) after = middle;
+    else before = middle;
+  }
+  const [from, to] = [after - back, after + back];
+  return from <= ms && ms < to ? { from, to } : null;
+}
+
+/**
+ * A time on an axis, as `written`. Both passes of an hour that clocks show twice share its place, so that no
+ * line runs backwards.
+ */
+export function onAxis(time) {
+  const ms = new Date(time).getTime();
+  const { from = ms } = shownTwice(ms) ?? {};
+  return written(from + (ms - from) / 2);
+}
+
+/** The time of such a place on an axis. */
+export function fromAxis(text) {
+  const ms = Date.parse(instant(text));
+  const { from = ms } = shownTwice(ms) ?? {};
+  return new Date(from + (ms - from) * 2).toISOString();
 }
 
 /** Writes the selected zone to the address. */
