@@ -7,6 +7,7 @@ use flankwatch::recording::McapReader;
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
+use crate::alarms::at_once;
 use crate::running::{Service, plain_asset};
 use crate::stream_socket::{StreamSocket, frames};
 
@@ -126,6 +127,30 @@ fn samples_around_an_alarm_are_kept_within_limits_and_over_a_restart() {
     // The alarm persists without a new one; records continue by the interval.
     send(&mut socket, 39_000, 43_000, 18_000);
     assert_eq!(records(&service, 9)[8], (40_000, 2000));
+}
+
+#[test]
+fn a_campaign_does_not_shorten_what_is_recorded_around_an_alarm() {
+    let stream = json!({ "record_s": 2, "interval_s": 20, "on_alarm": { "before_s": 5, "after_s": 7 } });
+    let alarms = json!([{ "quantity": { "indicator": "rms" }, "warning": 5, "settings": at_once() }]);
+    let mut service = service(&stream, &json!({ "alarms": alarms }));
+    let mut socket = open(&service);
+    send(&mut socket, 0, 22_500, 18_000);
+    service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["severity"] == "warning");
+    // From 17.5 s up to 29.5 s.
+    let begun = [(0, 2000), (17_500, 2000), (19_500, 2000), (20_000, 2000)];
+    assert_eq!(records(&service, 4), begun);
+    let path = "/v1/assets/pump/stream/campaign";
+    let campaign = service.post(&format!("{path}?seconds=1"), "", b"").expect(200).json();
+    assert_eq!((&campaign["first"], &campaign["end"]), (&json!(21_500), &json!(29_500)));
+    service.delete(path).expect(204);
+    service.restart();
+    let mut socket = open(&service);
+    send(&mut socket, 22_500, 33_000, 18_000);
+    let all = [begun.as_slice(), &[(21_500, 2000), (23_500, 2000), (25_500, 2000), (27_500, 2000)]].concat();
+    assert_eq!(records(&service, 8), all);
+    let campaign = service.get("/v1/assets/pump/stream").expect(200).json()["campaign"].clone();
+    assert_eq!((&campaign["is_running"], &campaign["end"]), (&json!(false), &json!(29_500)));
 }
 
 #[test]

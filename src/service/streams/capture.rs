@@ -16,6 +16,9 @@ pub(super) struct Capture {
     /// Length of its records in frames; the last one may be shorter.
     pub(super) record_frames: u64,
     pub(super) is_campaign: bool,
+    /// Index after the last sample for an alarm; a campaign that begins meanwhile ends no earlier.
+    #[serde(default)]
+    pub(super) alarm_until: u64,
 }
 
 /// A measuring campaign: the running one, or else the last one.

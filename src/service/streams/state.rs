@@ -304,11 +304,12 @@ impl StreamState {
         let from = next.saturating_sub(before).max(self.captured_to);
         let from = if before > 0 { from.max(self.cutter.run_first()) } else { from };
         let (until, record_frames) = (next + after, cutting.captured_frames());
-        (from < until).then_some(Capture { from, until, record_frames, is_campaign: false })
+        let capture = Capture { from, until, record_frames, is_campaign: false, alarm_until: until };
+        (from < until).then_some(capture)
     }
 
-    /// A campaign of `frames` frames from now on, or the running one with its new end; `None` before the
-    /// first sample.
+    /// A campaign of `frames` frames from now on, or the running one with its new end; longer if the samples
+    /// for an alarm are. `None` before the first sample.
     pub(super) fn campaign_of(&self, frames: u64, cutting: &Cutting) -> Option<(Capture, Campaign)> {
         let next = self.next?;
         let is_whole = next == self.cutter.end();
@@ -318,8 +319,9 @@ impl StreamState {
             None if cutting.is_continuous() && is_whole => self.cutter.earliest().min(next),
             None => next,
         };
-        let (until, record_frames) = (next + frames, cutting.captured_frames());
-        let capture = Capture { from, until, record_frames, is_campaign: true };
+        let alarm_until = self.capture.map_or(0, |capture| capture.alarm_until);
+        let (until, record_frames) = ((next + frames).max(alarm_until), cutting.captured_frames());
+        let capture = Capture { from, until, record_frames, is_campaign: true, alarm_until };
         let is_running = self.capture.is_some_and(|capture| capture.is_campaign);
         let campaign = match &self.campaign {
             Some(campaign) if is_running => Campaign { until, ..campaign.clone() },

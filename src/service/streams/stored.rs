@@ -295,12 +295,21 @@ impl StoredStream {
         })
     }
 
-    /// Ends the running campaign; its last record ends with the last sample received.
+    /// Ends the running campaign; its last record ends with the last sample received, or with the last one
+    /// for an alarm.
     pub(crate) fn end_campaign(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
         self.change(Author::Other, |draft| {
-            if draft.state.capture.is_some_and(|capture| capture.is_campaign) {
-                draft.cut_rest(cutting);
-                draft.note(&Note::CaptureEnd);
+            if !draft.state.capture.is_some_and(|capture| capture.is_campaign) {
+                return;
+            }
+            match draft.state.campaign_of(0, cutting) {
+                Some((capture, campaign)) if draft.state.next < Some(capture.until) => {
+                    draft.note(&Note::Campaign(capture, campaign));
+                }
+                _ => {
+                    draft.cut_rest(cutting);
+                    draft.note(&Note::CaptureEnd);
+                }
             }
         })
     }
