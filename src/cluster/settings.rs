@@ -153,7 +153,19 @@ impl ObjectsTable {
                 credentials,
                 prefix: self.prefix.clone().unwrap_or_default(),
             }),
-            (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
+            (None, Some(folder)) => {
+                let of_bucket = [
+                    ("cluster.objects.endpoint", &self.endpoint),
+                    ("cluster.objects.region", &self.region),
+                    ("cluster.objects.prefix", &self.prefix),
+                ];
+                match of_bucket.into_iter().find_map(|(field, value)| Some((field, value.as_ref()?))) {
+                    Some((field, value)) => {
+                        Err(invalid(field, value, "no value with cluster.objects.folder, only with a bucket"))
+                    }
+                    None => Ok(ObjectsSettings::Folder(folder.clone())),
+                }
+            }
             (None, None) => lacks("cluster.objects", "a bucket, or a folder that every process can access"),
             (Some(_), Some(_)) => {
                 Err(invalid("cluster.objects", "a bucket and a folder", "only one of them"))
@@ -234,6 +246,10 @@ mod tests {
             (WHOLE.replace("replicas = 3", "replicas = 9"), vec!["cluster.nats.replicas", "9", "1 to 5"]),
             (WHOLE.replace("at_once = 3", "at_once = 0"), vec!["cluster.worker.at_once", "0", "at least 1"]),
             (without("bucket = \"records\""), vec!["cluster.objects", "missing"]),
+            (
+                WHOLE.replace("bucket = \"records\"", "folder = \"/records\""),
+                vec!["cluster.objects.endpoint", "http://minio:9000", "cluster.objects.folder"],
+            ),
             (WHOLE.replace("at_once", "at_onec"), vec!["at_onec"]),
             (format!("name = \"a.b\"\n{WHOLE}"), vec!["cluster.name", "a.b"]),
         ] {
