@@ -25,6 +25,7 @@ pub use gear_spec::GearSpec;
 pub use location::{Location, MeasuringPoint};
 pub use operating_bin::OperatingBin;
 pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};
+pub(crate) use segment::json_name;
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
 pub use spec::{AssetSpec, BaselineSpec, SensorSpec};

@@ -6,8 +6,8 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::envelope::AnalyzedEnvelope;
+use crate::asset::json_name;
 use crate::estimate::WearEstimate;
-use crate::http::json_name;
 use crate::report::ReportedRecord;
 use crate::signal::{Basis, Features, Indicators, ShaftSpeed, SpeedDoubt, SpeedSource};
 

@@ -6,11 +6,11 @@ use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
 use super::line_range::LineRange;
-use crate::asset::SegmentId;
+use crate::asset::{SegmentId, json_name};
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::query::{self, Parameters, SegmentInPath};
-use crate::http::{segments, table};
+use crate::http::segments;
 use crate::signal::{AngleSource, Gear, NotComputed, OrderSpectrum, TurnAverage, reduction};
 
 /// Default number of points of a curve.
@@ -210,6 +210,6 @@ pub(crate) async fn turn(
 
 /// The problem for a curve that is not available for this record.
 pub(crate) fn absent(what: &str, absence: NotComputed) -> Problem {
-    let reason = table::json_name(&absence).replace('_', " ");
+    let reason = json_name(&absence).replace('_', " ");
     Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
 }

@@ -118,12 +118,6 @@ impl Table {
     }
 }
 
-/// The name of a value in JSON.
-pub(crate) fn json_name(value: &impl Serialize) -> String {
-    let name = serde_json::to_value(value).ok();
-    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
-}
-
 /// Responds in the requested format, with an entity tag.
 pub(super) fn answer<T: Serialize>(
     etag: HeaderValue,

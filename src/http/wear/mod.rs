@@ -16,7 +16,7 @@ use super::request::etag;
 use super::request::query::{self, AssetInPath, Parameters};
 use super::request::selection::{self, Selection};
 use super::table::{self, Format, Table};
-use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
+use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits, json_name};
 use crate::estimate::{BaselineProgress, ChannelContribution, WearEstimate, WearStatus};
 use crate::service::JointWear;
 use crate::signal::{ShaftSpeed, reduction};
@@ -199,7 +199,7 @@ fn table_of(view: &HistoryView) -> Table {
     let rows = || view.items.iter();
     table.times("start_time", rows().map(|row| row.start_time));
     table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));
-    table.words("status", rows().map(|row| table::json_name(&row.point.status)));
+    table.words("status", rows().map(|row| json_name(&row.point.status)));
     table.words("reason", rows().map(|row| row.point.reason.to_string()));
     table.numbers("median_um", "µm", rows().map(|row| row.point.median_um));
     table.numbers("mean_um", "µm", rows().map(|row| row.point.mean_um));
