@@ -9,7 +9,7 @@ use crate::signal::{BearingLine, Indicators, VELOCITY_RMS};
 /// Maximum number of rules of an asset: each has a state in every stored state of the fold.
 const MAX_RULES: usize = 32;
 
-/// Hysteresis of the rule derived from limits, as a fraction of the lower limit.
+/// Hysteresis of a rule derived from limits, as a fraction of the lower limit.
 const HYSTERESIS: f64 = 0.05;
 
 /// The novelty from which a record counts as unexplained (a p-value of 10⁻⁴), and the hysteresis.
@@ -43,7 +43,7 @@ impl AssetSpec {
             rules.push(AlarmRule {
                 warning: Some(warning),
                 danger: Some(danger),
-                hysteresis: HYSTERESIS * warning,
+                hysteresis: hysteresis_at(warning),
                 ..AlarmRule::of(AlarmQuantity::Indicator(VELOCITY_RMS.to_owned()))
             });
         }
@@ -93,6 +93,13 @@ impl AssetSpec {
     }
 }
 
+/// The hysteresis of a rule derived from limits, of which this is the lower one.
+fn hysteresis_at(limit: f64) -> f64 {
+    let hysteresis = HYSTERESIS * limit;
+    // People read it: 5 % of 2.8 is 0.13999999999999999.
+    format!("{hysteresis:.11e}").parse().unwrap_or(hysteresis)
+}
+
 fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
     let WearLimits { warning_um, danger_um } = *limits;
     let lower = warning_um.or(danger_um)?;
@@ -100,7 +107,7 @@ fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
         // A warning at the same depth as danger is redundant.
         warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
         danger: danger_um,
-        hysteresis: HYSTERESIS * lower,
+        hysteresis: hysteresis_at(lower),
         ..AlarmRule::of(AlarmQuantity::WearUm)
     })
 }
@@ -173,6 +180,7 @@ mod tests {
         assert_eq!(named[..3], ["novelty", "joint_novelty", "indicator:velocity_rms"]);
         assert!(named.contains(&"indicator:bearing_de_bpfo_to_background".to_owned()), "{named:?}");
         assert_eq!((rules[2].warning, rules[2].danger), (Some(2.8), Some(4.5)));
+        assert_eq!(rules[2].hysteresis, 0.14);
         assert!(rules.iter().all(|rule| rule.validate().is_ok()));
         for (text, name) in [
             ("limits = { danger_um = 100 }", "limits.danger_um"),
