@@ -32,6 +32,9 @@ impl History {
             return Ok(Vec::new());
         };
         let estimator = self.simulations.estimator(&asset.spec);
+        // Recomputations forget those of earlier descriptions, but an API node has none.
+        let served = store.channels(&channel.asset_id).await?.into_iter().map(|channel| channel.keys.fold);
+        self.simulations.keep_estimators(&asset.spec, served);
         let mut inputs: Vec<FoldInput> = Vec::new();
         loop {
             let after = inputs.last().map(|input| &input.key);
