@@ -27,8 +27,13 @@ pub enum AssetError {
     #[error("gear.pair: {0}")]
     Pair(#[from] crate::gear::GearError),
     /// The text is not TOML, or a field is missing, unknown or of the wrong type.
-    #[error("not an asset description: {0}")]
-    Toml(#[from] toml::de::Error),
+    #[error("not an asset description: {source}")]
+    Toml {
+        /// Path of the value at fault; `None` if the text is not TOML.
+        path: Option<String>,
+        /// The error, with the place in the text.
+        source: Box<toml::de::Error>,
+    },
 }
 
 pub(super) fn field(

@@ -134,7 +134,12 @@ impl Default for BaselineSpec {
 impl AssetSpec {
     /// Reads a description from TOML and checks it.
     pub fn from_toml(text: &str) -> Result<Self, AssetError> {
-        let spec: Self = toml::from_str(text)?;
+        let reader = toml::Deserializer::parse(text)
+            .map_err(|source| AssetError::Toml { path: None, source: source.into() })?;
+        let spec: Self = serde_path_to_error::deserialize(reader).map_err(|error| AssetError::Toml {
+            path: Some(error.path().to_string()),
+            source: Box::new(error.into_inner()),
+        })?;
         spec.validate()?;
         Ok(spec)
     }

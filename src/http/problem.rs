@@ -170,12 +170,20 @@ impl Problem {
             let expected = expected.split(" at line ").next().unwrap_or(expected);
             return self.with_field(field, value, expected);
         }
-        let is_about_a_field =
-            message.starts_with("unknown field `") || message.starts_with("missing field `");
-        if is_about_a_field && let Some(field) = message.split('`').nth(1) {
+        if let Some(field) = name_of_field(message) {
             self.0.field = Some(field.to_string());
         }
         self
+    }
+
+    /// Names the field by its path, where the decoder's message has its name alone or none.
+    pub(crate) fn at_path(self, message: &str, path: Option<String>) -> Self {
+        let Some(path) = path else { return self };
+        match name_of_field(message) {
+            Some(name) => self.of_field(within(&path, name)),
+            None if self.names_a_field() => self,
+            None => self.of_field(path),
+        }
     }
 
     /// An error of the disk, which may be gone later.
@@ -189,6 +197,21 @@ impl Problem {
     fn internal(error: &dyn std::error::Error) -> Self {
         tracing::error!(error = %error, "request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
+    }
+}
+
+/// The name of a missing or unknown field in a decoder's message.
+fn name_of_field(message: &str) -> Option<&str> {
+    let is_about_a_field =
+        ["missing field `", "unknown field `"].iter().any(|start| message.starts_with(start));
+    message.split('`').nth(1).filter(|_| is_about_a_field)
+}
+
+/// The path of a field of an object; that of an unknown field may end with its name already.
+fn within(path: &str, name: &str) -> String {
+    match path == name || path.ends_with(&format!(".{name}")) {
+        true => path.to_owned(),
+        false => format!("{path}.{name}"),
     }
 }
 
@@ -311,8 +334,12 @@ impl From<AssetError> for Problem {
             AssetError::Pair(crate::gear::GearError::Field { field, value, expected }) => {
                 Self::content(&format!("gear.pair.{field}"), value, expected)
             }
-            AssetError::Toml(source) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
-                .naming_field_in(source.message()),
+            AssetError::Toml { path, source } => {
+                let path = path.clone().filter(|path| path != "." && !path.contains('?'));
+                Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
+                    .naming_field_in(source.message())
+                    .at_path(source.message(), path)
+            }
             AssetError::Pair(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
         }
     }

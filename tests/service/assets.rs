@@ -40,9 +40,27 @@ fn a_description_in_toml_is_accepted() {
     let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
     let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
     assert_eq!(fan["baseline"]["records"], 20);
-    let wrong = toml.replace("shaft_speed_hz", "shaft_sped_hz");
+    for (wrong, words, field) in [
+        (
+            toml.replace("shaft_speed_hz", "shaft_sped_hz"),
+            "unknown field `shaft_sped_hz`",
+            "gear.shaft_sped_hz",
+        ),
+        (toml.replace("10.0", "\"10\""), "line 4", "gear.shaft_speed_hz"),
+        (toml.replace("[31, 62]", "[2, 62]"), "[2, 62]", "gear.teeth"),
+        (
+            format!("{toml}[gear.pair.geometry]\nteeth = [31, 62]\n"),
+            "missing field",
+            "gear.pair.geometry.module_mm",
+        ),
+        (format!("colour = 1\n{toml}"), "unknown field `colour`", "colour"),
+    ] {
+        let problem = service.post("/v1/assets", "application/toml", wrong.as_bytes());
+        assert_eq!(problem.expect_problem(422, &[words])["field"], field);
+    }
+    let wrong = toml.replace("[gear]", "[gear");
     let problem = service.post("/v1/assets", "application/toml", wrong.as_bytes());
-    assert_eq!(problem.expect_problem(422, &["shaft_sped_hz"])["field"], "shaft_sped_hz");
+    assert!(problem.expect_problem(422, &["line 2"]).get("field").is_none());
 }
 
 #[test]
