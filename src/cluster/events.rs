@@ -4,6 +4,7 @@
 //! an event reports the loss.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 
 use async_nats::jetstream::consumer::{DeliverPolicy, OrderedPullConsumer, pull};
@@ -26,10 +27,13 @@ const BATCH: usize = 256;
 /// Timeout for reading earlier events at the start.
 const BACKLOG_TIMEOUT: Duration = Duration::from_secs(5);
 
+/// Interval of checks whether the stream was created anew.
+const CHECK_INTERVAL: Duration = Duration::from_secs(5);
+
 /// The events of all processes, with a backlog of recent ones.
 pub struct Subscription {
     /// Identifies the sequence of event numbers; changes when the stream is created anew.
-    pub run: String,
+    pub run: Arc<str>,
     /// Earlier events.
     pub backlog: Vec<NumberedEvent>,
     /// Events after the backlog.
@@ -110,20 +114,20 @@ pub(super) async fn subscribe(connection: Connection) -> Subscription {
         Ok(Ok(read)) => read,
         Ok(Err(error)) => {
             tracing::warn!(%error, "failed to read earlier events");
-            (String::from("0"), Vec::new(), None)
+            (Arc::from("0"), Vec::new(), None)
         }
         Err(_) => {
             tracing::warn!("failed to read earlier events: NATS does not answer");
-            (String::from("0"), Vec::new(), None)
+            (Arc::from("0"), Vec::new(), None)
         }
     };
     let after = backlog.last().map_or(0, |event| event.number);
-    tokio::spawn(forward(connection, messages, after, sender));
+    tokio::spawn(forward(connection, Arc::clone(&run), messages, after, sender));
     Subscription { run, backlog, receiver }
 }
 
 /// The run, the backlog and the messages after it.
-type Backlog = (String, Vec<NumberedEvent>, Option<pull::Ordered>);
+type Backlog = (Arc<str>, Vec<NumberedEvent>, Option<pull::Ordered>);
 
 async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> {
     let mut stream = events(connection).await?;
@@ -131,13 +135,13 @@ async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> 
         .info()
         .await
         .map_err(|error| ClusterError::jetstream("read the state of the events")(error.into()))?;
-    let (run, last, stored) =
-        (format!("{:x}", info.created.unix_timestamp_nanos()), info.state.last_sequence, info.state.messages);
+    let (last, stored) = (info.state.last_sequence, info.state.messages);
+    let run = run_of(&stream);
     let mut messages = follow(&stream, 0).await?;
     let mut backlog = Vec::new();
     while stored > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
         match messages.next().await {
-            Some(Ok(message)) => backlog.extend(read(&message)),
+            Some(Ok(message)) => backlog.extend(read(&run, &message)),
             Some(Err(error)) => return Err(ClusterError::jetstream("read the events")(error.into())),
             None => break,
         }
@@ -145,16 +149,26 @@ async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> 
     Ok((run, backlog, Some(messages)))
 }
 
-/// Forwards events after number `after` to `sender` until it is closed; subscribes again after errors.
+/// Forwards events after number `after` to `sender` until it is closed; subscribes again after errors, and to
+/// a stream that was created anew from its first event on.
 async fn forward(
     connection: Connection,
+    mut run: Arc<str>,
     mut messages: Option<pull::Ordered>,
     mut after: u64,
     sender: mpsc::Sender<NumberedEvent>,
 ) {
+    let mut check = tokio::time::interval(CHECK_INTERVAL);
     loop {
         let Some(current) = &mut messages else {
-            let subscribed = async { follow(&events(&connection).await?, after).await };
+            let subscribed = async {
+                let stream = events(&connection).await?;
+                let found = run_of(&stream);
+                if found != run {
+                    (run, after) = (found, 0);
+                }
+                follow(&stream, after).await
+            };
             match subscribed.await {
                 Ok(new) => messages = Some(new),
                 Err(error) => {
@@ -166,11 +180,18 @@ async fn forward(
         };
         let next = tokio::select! {
             next = current.next() => next,
+            _ = check.tick() => {
+                // A consumer goes on with the new stream by itself, but waits for the numbers of the old one.
+                if events(&connection).await.is_ok_and(|stream| run_of(&stream) != run) {
+                    messages = None;
+                }
+                continue;
+            }
             () = sender.closed() => return,
         };
         match next {
             Some(Ok(message)) => {
-                let Some(event) = read(&message) else { continue };
+                let Some(event) = read(&run, &message) else { continue };
                 after = event.number;
                 if sender.send(event).await.is_err() {
                     return;
@@ -188,6 +209,11 @@ async fn forward(
 async fn events(connection: &Connection) -> Result<Stream, ClusterError> {
     let stream = connection.jetstream.get_stream(connection.events_stream()).await;
     stream.map_err(|error| ClusterError::jetstream("find the events")(error.into()))
+}
+
+/// Identifies a stream: one created anew under its name is another one.
+fn run_of(stream: &Stream) -> Arc<str> {
+    format!("{:x}", stream.cached_info().created.unix_timestamp_nanos()).into()
 }
 
 async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterError> {
@@ -208,12 +234,12 @@ async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterErr
 }
 
 /// Reads an event of the stream; `None` where a node of another version sent it.
-fn read(message: &async_nats::jetstream::Message) -> Option<NumberedEvent> {
+fn read(run: &Arc<str>, message: &async_nats::jetstream::Message) -> Option<NumberedEvent> {
     let number = message.info().ok()?.stream_sequence;
     let event = serde_json::from_slice(&message.payload)
         .inspect_err(|error| tracing::debug!(number, %error, "failed to read an event of another node"))
         .ok()?;
-    Some(NumberedEvent { number, event })
+    Some(NumberedEvent { run: Arc::clone(run), number, event })
 }
 
 #[cfg(test)]

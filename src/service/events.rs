@@ -1,5 +1,7 @@
 //! Live events of the service, for subscribers. In a cluster they are sent between nodes as JSON.
 
+use std::sync::Arc;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use tokio::sync::broadcast;
@@ -68,6 +70,8 @@ pub struct SegmentPlace {
 /// An event with its sequence number among those of all nodes of a cluster.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedEvent {
+    /// Identifies the sequence of numbers.
+    pub run: Arc<str>,
     /// The sequence number, which increases from event to event.
     pub number: u64,
     /// The event.

@@ -107,6 +107,15 @@ impl TestCluster {
         })
     }
 
+    /// Deletes the stream of events; the next process that starts creates it anew.
+    pub(super) fn delete_events(&self) {
+        self.runtime.block_on(async {
+            let client = async_nats::connect(&self.nats.urls[0]).await.unwrap();
+            let events = format!("{}_events", self.nats.name);
+            jetstream::new(client).delete_stream(events).await.unwrap();
+        });
+    }
+
     fn own_folder(&mut self) -> std::path::PathBuf {
         self.started += 1;
         self.folder.path().join(self.started.to_string())

@@ -153,3 +153,28 @@ fn a_changed_description_is_applied_by_a_worker() {
     assert_eq!(node.history("pump"), expected);
     node.wait_for("/v1/recomputations", |list| list["items"][0]["state"] == "finished");
 }
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+fn running_nodes_follow_a_stream_of_events_that_was_created_anew() {
+    let mut cluster = TestCluster::start(2, 0);
+    let nodes = [cluster.client(0), cluster.client(1)];
+    let mut streams: Vec<EventStream> =
+        nodes.iter().map(|node| EventStream::open_at(&node.url, "", None)).collect();
+    let create = |name: &str| nodes[0].send_json("POST", "/v1/assets", &asset(name), 201);
+    let wait_for = |stream: &mut EventStream, name: &str| {
+        while stream.next().data["asset_id"] != name {}
+    };
+    for name in ["a", "b", "c"] {
+        create(name);
+        streams.iter_mut().for_each(|stream| wait_for(stream, name));
+    }
+    cluster.delete_events();
+    cluster.start_node();
+    create("d");
+    for stream in &mut streams {
+        while stream.next().kind != "lost" {}
+    }
+    create("e");
+    streams.iter_mut().for_each(|stream| wait_for(stream, "e"));
+}

@@ -28,9 +28,9 @@ use super::problem::Problem;
 use super::request::query::Parameters;
 use super::server::connections::closing;
 use crate::asset::AssetId;
-use crate::service::{LiveEvent, NumberedEvent, SegmentPlace};
+use crate::service::{LiveEvent, SegmentPlace};
 use crate::store::AlarmNotice;
-use ring::{EventRing, Next};
+use ring::{EventRing, Next, Position};
 
 /// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -68,9 +68,9 @@ fn name_and_data(event: &LiveEvent) -> (&'static str, Value) {
     }
 }
 
-fn server_event(events: &EventRing, NumberedEvent { number, event }: &NumberedEvent) -> Event {
+fn server_event(id: String, event: &LiveEvent) -> Event {
     let (name, data) = name_and_data(event);
-    Event::default().event(name).id(events.id(*number)).data(data.to_string())
+    Event::default().event(name).id(id).data(data.to_string())
 }
 
 /// One server-sent event.
@@ -147,9 +147,7 @@ struct Follower {
     events: Arc<EventRing>,
     asset: Option<AssetId>,
     token: TokenWatch,
-    position: u64,
-    /// The client's position is of another run, so it receives `lost` first.
-    is_restarted: bool,
+    position: Position,
     latest: watch::Receiver<u64>,
     over: watch::Receiver<bool>,
     _share: Share,
@@ -164,11 +162,9 @@ impl Follower {
         share: Share,
     ) -> Self {
         let (latest, over) = events.subscribe();
-        let known = last.map(|last| events.position(last));
         Self {
-            // without a position of this run, the stream starts now
-            position: known.flatten().unwrap_or_else(|| events.end_position()),
-            is_restarted: matches!(known, Some(None)),
+            // without a position, the stream starts now
+            position: last.map_or_else(|| events.end_position(), |last| events.position(last)),
             events,
             asset,
             token,
@@ -180,22 +176,16 @@ impl Follower {
 
     /// Returns the next event; `None` at the end of the service or when the token was revoked.
     async fn next(&mut self) -> Option<Event> {
-        let events = Arc::clone(&self.events);
-        if std::mem::take(&mut self.is_restarted) {
-            return Some(
-                Event::default().event("lost").id(events.id(self.position)).data("{\"events\":null}"),
-            );
-        }
         loop {
             if self.token.is_revoked().await {
                 return None;
             }
             // Subscribed before reading the ring, so that no event is missed in between.
             self.latest.mark_unchanged();
-            match events.next(&mut self.position, self.asset.as_ref()) {
-                Next::Event(event) => return Some(server_event(&events, &event)),
+            match self.events.next(&mut self.position, self.asset.as_ref()) {
+                Next::Event(event) => return Some(server_event(self.position.id(), &event.event)),
                 Next::Lost(count) => {
-                    let lost = Event::default().event("lost").id(events.id(self.position));
+                    let lost = Event::default().event("lost").id(self.position.id());
                     return Some(lost.data(json!({ "events": count }).to_string()));
                 }
                 Next::Nothing => {}

@@ -17,7 +17,7 @@ const MAX_AHEAD: u64 = 1000;
 #[derive(Debug)]
 pub struct SharedEvents {
     /// Identifies this order in event ids.
-    pub run: String,
+    pub run: Arc<str>,
     /// Past events.
     pub backlog: Vec<NumberedEvent>,
     /// Future events.
@@ -27,8 +27,6 @@ pub struct SharedEvents {
 /// The latest events.
 #[derive(Debug)]
 pub(crate) struct EventRing {
-    /// Identifies this run of the service in event ids.
-    run: String,
     capacity: usize,
     /// Number of events that a client may have received from another node before they arrived here.
     ahead: u64,
@@ -38,20 +36,46 @@ pub(crate) struct EventRing {
     is_over: watch::Sender<bool>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Entries {
+    /// Identifies the sequence of numbers in event ids.
+    run: Arc<str>,
     last_number: u64,
     events: VecDeque<Arc<NumberedEvent>>,
+}
+
+impl Entries {
+    fn of(run: Arc<str>) -> Mutex<Self> {
+        Mutex::new(Self { run, last_number: 0, events: VecDeque::new() })
+    }
+
+    /// The position after the latest event.
+    fn end(&self) -> Position {
+        Position { run: Arc::clone(&self.run), number: self.last_number }
+    }
+}
+
+/// A client's position: that of the last event it received.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Position {
+    run: Arc<str>,
+    number: u64,
+}
+
+impl Position {
+    /// The id of the event at it.
+    pub(crate) fn id(&self) -> String {
+        format!("{}-{}", self.run, self.number)
+    }
 }
 
 impl EventRing {
     /// Collects the events that the service announces; `run` must differ between runs of the service.
     pub(crate) fn follow(mut announced: Receiver<LiveEvent>, run: String, capacity: usize) -> Arc<Self> {
         let events = Arc::new(Self {
-            run,
             capacity: capacity.max(1),
             ahead: 0,
-            entries: Mutex::default(),
+            entries: Entries::of(run.into()),
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
         });
@@ -78,10 +102,9 @@ impl EventRing {
     ) -> Arc<Self> {
         let SharedEvents { run, backlog, mut receiver } = shared;
         let events = Arc::new(Self {
-            run,
             capacity: capacity.max(1),
             ahead: MAX_AHEAD,
-            entries: Mutex::default(),
+            entries: Entries::of(run),
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
         });
@@ -110,12 +133,18 @@ impl EventRing {
     }
 
     fn add(&self, event: LiveEvent) {
-        let number = self.lock().last_number + 1;
-        self.push(NumberedEvent { number, event });
+        let Position { run, number } = self.end_position();
+        self.push(NumberedEvent { run, number: number + 1, event });
     }
 
     fn push(&self, event: NumberedEvent) {
         let mut entries = self.lock();
+        if event.run != entries.run {
+            // The nodes number their events anew.
+            entries.run = Arc::clone(&event.run);
+            entries.last_number = 0;
+            entries.events.clear();
+        }
         if event.number <= entries.last_number {
             // Received twice.
             return;
@@ -129,39 +158,43 @@ impl EventRing {
     }
 
     /// Returns the next event of the asset after `position`, and whether earlier ones were dropped.
-    pub(crate) fn next(&self, position: &mut u64, asset: Option<&AssetId>) -> Next {
+    pub(crate) fn next(&self, position: &mut Position, asset: Option<&AssetId>) -> Next {
         let entries = self.lock();
-        let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);
-        if *position + 1 < oldest {
-            let gone = oldest - 1 - *position;
-            *position = oldest - 1;
-            return Next::Lost(gone);
+        if position.run != entries.run {
+            *position = entries.end();
+            return Next::Lost(None);
         }
-        let from = entries.events.partition_point(|event| event.number <= *position);
+        let number = &mut position.number;
+        let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);
+        if *number + 1 < oldest {
+            let gone = oldest - 1 - *number;
+            *number = oldest - 1;
+            return Next::Lost(Some(gone));
+        }
+        let from = entries.events.partition_point(|event| event.number <= *number);
         let is_wanted = |event: &&Arc<NumberedEvent>| {
             let of = event.event.asset();
             asset.is_none() || of.is_none() || of == asset
         };
         let found = entries.events.iter().skip(from).find(is_wanted).cloned();
         // A client may have received more from another node than has arrived here.
-        *position = found.as_ref().map_or(entries.last_number.max(*position), |event| event.number);
+        *number = found.as_ref().map_or(entries.last_number.max(*number), |event| event.number);
         found.map_or(Next::Nothing, Next::Event)
     }
 
-    pub(crate) fn id(&self, number: u64) -> String {
-        format!("{}-{number}", self.run)
-    }
-
-    /// The position after event id `last`; `None` if it is from another run.
-    pub(crate) fn position(&self, last: &str) -> Option<u64> {
-        let (run, number) = last.rsplit_once('-')?;
-        let number = number.parse().ok()?;
-        (run == self.run && number <= self.lock().last_number + self.ahead).then_some(number)
+    /// The position after event id `last`; that of no run if it is unknown.
+    pub(crate) fn position(&self, last: &str) -> Position {
+        let Position { run, number: latest } = self.end_position();
+        let known = last.strip_prefix(&*run).and_then(|rest| rest.strip_prefix('-')?.parse().ok());
+        match known.filter(|number| *number <= latest + self.ahead) {
+            Some(number) => Position { run, number },
+            None => Position { run: Arc::default(), number: 0 },
+        }
     }
 
     /// The position after the latest event.
-    pub(crate) fn end_position(&self) -> u64 {
-        self.lock().last_number
+    pub(crate) fn end_position(&self) -> Position {
+        self.lock().end()
     }
 
     /// Signals for new events and for the end of the service.
@@ -180,7 +213,8 @@ fn note(history: &History, event: &LiveEvent) {
 /// The next item in the ring.
 pub(crate) enum Next {
     Event(Arc<NumberedEvent>),
-    Lost(u64),
+    /// Events were dropped; `None` if they were of another run.
+    Lost(Option<u64>),
     Nothing,
 }
 
@@ -196,18 +230,36 @@ mod tests {
         for n in 0..5 {
             events.add(LiveEvent::AssetChanged(if n % 2 == 0 { a.clone() } else { b.clone() }));
         }
-        let mut position = 0;
-        assert!(matches!(events.next(&mut position, None), Next::Lost(2)));
+        let mut position = Position { run: "r".into(), number: 0 };
+        assert!(matches!(events.next(&mut position, None), Next::Lost(Some(2))));
         for n in 2..5 {
             assert!(matches!(events.next(&mut position, None), Next::Event(event) if event.number == n + 1));
         }
         assert!(matches!(events.next(&mut position, None), Next::Nothing));
-        let mut position = events.position("r-3").unwrap();
+        let mut position = events.position("r-3");
         assert!(matches!(events.next(&mut position, Some(&b)), Next::Event(event) if event.number == 4));
         assert!(matches!(events.next(&mut position, Some(&b)), Next::Nothing));
-        assert_eq!(position, 5);
+        assert_eq!(position.id(), "r-5");
         for unknown in ["r-6", "s-1", "r", "", "r-x"] {
-            assert!(events.position(unknown).is_none(), "{unknown}");
+            let mut position = events.position(unknown);
+            assert!(matches!(events.next(&mut position, None), Next::Lost(None)), "{unknown}");
+            assert_eq!(position, events.end_position(), "{unknown}");
         }
+    }
+
+    #[tokio::test]
+    async fn events_that_are_numbered_anew_follow_after_a_loss() {
+        let (_sender, receiver) = tokio::sync::broadcast::channel(1);
+        let events = EventRing::follow(receiver, "r".into(), 3);
+        let event = LiveEvent::AssetChanged(AssetId::new("a").unwrap());
+        (0..5).for_each(|_| events.add(event.clone()));
+        let mut position = events.end_position();
+        let anew = |number| NumberedEvent { run: "s".into(), number, event: event.clone() };
+        events.push(anew(1));
+        assert!(matches!(events.next(&mut position, None), Next::Lost(None)));
+        assert_eq!(position.id(), "s-1");
+        events.push(anew(2));
+        assert!(matches!(events.next(&mut position, None), Next::Event(event) if event.number == 2));
+        assert!(matches!(events.next(&mut position, None), Next::Nothing));
     }
 }
