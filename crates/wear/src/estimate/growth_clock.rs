@@ -43,12 +43,15 @@ pub(super) struct GrowthClock {
     newest: Timestamp,
     /// Moving mean of the time between two records, in seconds.
     usual_s: f64,
+    /// Whether no record has come since an inspection.
+    #[serde(default)]
+    inspected: bool,
 }
 
 impl GrowthClock {
     /// Starts the clock at the end of a baseline whose records have a mean distance of `interval_s` seconds.
     pub(super) fn start(ended: Timestamp, interval_s: f64) -> Self {
-        Self { interval_s, age: 0.0, newest: ended, usual_s: interval_s }
+        Self { interval_s, age: 0.0, newest: ended, usual_s: interval_s, inspected: false }
     }
 
     /// Returns the intervals of the baseline from one time to another.
@@ -72,6 +75,7 @@ impl GrowthClock {
         let unit = unit_length(self.age);
         self.age += intervals;
         self.newest = at.max(self.newest);
+        self.inspected = false;
         Elapsed {
             units: intervals / unit * load,
             lengthening: unit_length(self.age) / unit,
@@ -85,9 +89,12 @@ impl GrowthClock {
         }
     }
 
-    /// Shortens the unit of growth at an inspection.
+    /// Shortens the unit of growth at an inspection, once for all inspections between two records.
     pub(super) fn inspect(&mut self) {
-        self.age *= AFTER_INSPECTION;
+        if !self.inspected {
+            self.age *= AFTER_INSPECTION;
+        }
+        self.inspected = true;
     }
 
     /// Length of a unit of growth in seconds, under the described load.
@@ -156,8 +163,13 @@ mod tests {
     #[test]
     fn an_inspection_shortens_the_unit() {
         let mut clock = old();
+        // Both gears are measured at one stop.
+        clock.inspect();
         clock.inspect();
         assert!((clock.unit_s() - 28.0 * 3600.0).abs() < 1e-6);
+        clock.advance(at(1001), 1.0, EXPECTED);
+        clock.inspect();
+        assert!(clock.unit_s() < 20.0 * 3600.0);
     }
 
     #[test]
