@@ -18,10 +18,10 @@ const MAX_LINE_BYTES: usize = 1 << 20;
 ///
 /// Fields are separated by commas, semicolons, tabs or spaces, whichever is consistent with the first two
 /// lines of samples, and may be quoted. The decimal separator is a point, or a comma if that does not
-/// separate fields: in a single column it separates none if numbers such as `-0,5` or `1,05` show it. Lines
-/// before the header are skipped, except that one of them may state the sampling rate. The line above the
-/// samples names the columns, unless it is a line of units; then the line above it does. Without a header the
-/// columns are `"1"`, `"2"`, ….
+/// separate fields: in a single column it separates none if numbers such as `-0,5` or `1,05` show it, or if
+/// the line above the samples has a single unit of vibration. Lines before the header are skipped, except
+/// that one of them may state the sampling rate. The line above the samples names the columns, unless it is a
+/// line of units; then the line above it does. Without a header the columns are `"1"`, `"2"`, ….
 ///
 /// Time columns are not channels unless selected by name. They are columns named `time`, `t`, `Zeit [ms]` or
 /// similar, columns with dates or times of day, and the first four if they are hour, minute, second and

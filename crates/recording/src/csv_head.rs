@@ -167,12 +167,15 @@ fn first_samples(lines: &[&str], separator: u8, min_columns: usize) -> Option<us
 }
 
 /// Returns whether the commas that seem to separate two columns are decimal signs in a single one: `-0,5` and
-/// `1,05` are no pairs of whole numbers. The line above must not name two columns.
+/// `1,05` are no pairs of whole numbers, and a single unit of vibration above belongs to one column. The line
+/// above must not name two columns.
 fn has_decimal_commas(lines: &[&str], (separator, line): (u8, usize)) -> bool {
-    let above = lines[..line].iter().rfind(|line| !line.trim().is_empty());
+    let above = lines[..line].iter().map(|line| line.trim()).rfind(|line| !line.is_empty());
     if separator != b',' || above.is_some_and(|line| line.contains(',')) {
         return false;
     }
+    let unit_above = above.and_then(|line| unit(line).or(name_and_unit(line).1));
+    let is_vibration = matches!(unit_above, Some("m/s2" | "mm/s2" | "g" | "mg" | "m/s" | "mm/s"));
     let samples = lines[line..].iter().map(|line| line.trim()).filter(|line| !line.is_empty());
     let parts: Option<Vec<(&str, &str)>> = samples.map(|line| line.split_once(',')).collect();
     let is_whole = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
@@ -183,7 +186,7 @@ fn has_decimal_commas(lines: &[&str], (separator, line): (u8, usize)) -> bool {
         *whole == "-0"
             || (digits.len() > 1 && digits.starts_with('0') && !digits.bytes().all(|byte| byte == b'0'))
     };
-    parts.is_some_and(|parts| parts.iter().all(is_number) && parts.iter().any(is_fraction))
+    parts.is_some_and(|parts| parts.iter().all(is_number) && (is_vibration || parts.iter().any(is_fraction)))
 }
 
 /// Rejects samples whose number of columns differs from that of the names directly above.

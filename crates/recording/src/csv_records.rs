@@ -115,12 +115,22 @@ mod tests {
             ("Beschleunigung\n0,25\n-0,5\n1,75\n", "Beschleunigung", [0.25, -0.5, 1.75]),
             ("a [g]\r\n12,5\r\n3,05\r\n\r\n-7,25\r\n", "a", [12.5, 3.05, -7.25]),
             ("0,25\n-0,5\n1,75", "1", [0.25, -0.5, 1.75]),
+            ("v (mm/s)\n1,5\n-2,5\n3,0\n", "v", [1.5, -2.5, 3.0]),
+            ("Schwingung\n[m/s²]\n1,5\n-2,5\n3,0\n", "Schwingung", [1.5, -2.5, 3.0]),
         ] {
             let record = only(text, Some(10.0));
             assert_eq!((record.channel(), record.samples()), (name, &samples[..]), "{text:?}");
         }
         // These are two columns.
-        for text in ["a,b\n0,25\n-0,5\n", "1,2\n-3,4\n", "1,0\n0,00\n", "0,5\n-0,0.5\n", "-0,-5\n1,2\n"] {
+        for text in [
+            "a,b\n0,25\n-0,5\n",
+            "1,2\n-3,4\n",
+            "1,0\n0,00\n",
+            "0,5\n-0,0.5\n",
+            "-0,-5\n1,2\n",
+            "[g]\n1,-2\n3,4\n",
+            "Run (A)\n1,2\n3,4\n",
+        ] {
             assert_eq!(read(text, Some(10.0)).unwrap().len(), 2, "{text:?}");
         }
     }
