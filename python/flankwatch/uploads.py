@@ -27,7 +27,7 @@ def format_of(path: Path) -> str:
         beginning = file.read(8)
     if beginning == MCAP:
         return "mcap"
-    if beginning[:4] in (b"RIFF", b"RIFX", b"RF64"):
+    if beginning[:4] in (b"RIFF", b"RIFX", b"RF64", b"BW64"):
         return "wav"
     return detect(path)
 

@@ -47,7 +47,9 @@ pub enum RecordingError {
         hint: &'static str,
     },
     /// An unknown format.
-    #[error("the format is unknown, expected WAV (RIFF, RIFX or RF64), FLAC, MCAP, CSV, MATLAB or NumPy")]
+    #[error(
+        "the format is unknown, expected WAV (RIFF, RIFX, RF64 or BW64), FLAC, MCAP, CSV, MATLAB or NumPy"
+    )]
     UnknownFormat,
     /// A file of text with the ending of another format.
     #[error("the file contains text, expected the content of a .{ending} file; rename it if it is CSV")]

@@ -5,7 +5,7 @@ use super::RecordingError;
 /// Format of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// RIFF, RIFX or RF64.
+    /// RIFF, RIFX, RF64 or BW64.
     Wav,
     /// MCAP.
     Mcap,
@@ -58,7 +58,7 @@ impl Format {
         if beginning.starts_with(mcap::MAGIC) {
             return Ok(Self::Mcap);
         }
-        if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
+        if [b"RIFF", b"RIFX", b"RF64", b"BW64"].iter().any(|tag| beginning.starts_with(*tag)) {
             return Ok(Self::Wav);
         }
         if beginning.starts_with(super::flac::MAGIC) {
@@ -99,7 +99,9 @@ mod tests {
     #[test]
     fn text_is_distinguished_from_binary_data() {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
-        assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
+        for beginning in [b"RF64....WAVE", b"BW64....WAVE"] {
+            assert_eq!(Format::detect(beginning).unwrap(), Format::Wav);
+        }
         // 15 bytes and the first half of a letter.
         assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);

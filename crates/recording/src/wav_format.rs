@@ -1,7 +1,7 @@
-//! The header of a WAV recording: RIFF, RIFX (big endian) or RF64 (64-bit lengths), up to the first byte of
-//! the data.
+//! The header of a WAV recording: RIFF, RIFX (big endian), RF64 or its successor BW64 (64-bit lengths), up to
+//! the first byte of the data.
 //!
-//! It is not read by hound, which rejects RIFX, RF64, 64-bit samples and unusual bit depths without a
+//! It is not read by hound, which rejects RIFX, RF64, BW64, 64-bit samples and unusual bit depths without a
 //! specific error. Memory is never allocated by declared lengths: skipped bytes are read and counted.
 
 use std::io::{self, Read};
@@ -18,7 +18,7 @@ const FMT_EXTENSIBLE: u64 = 40;
 /// The last bytes of every EXTENSIBLE subformat that represents a plain format tag.
 const SUBFORMAT_TAIL: [u8; 8] = [0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71];
 
-/// The length that means "unknown": of a stream, or of RF64, whose lengths are in `ds64`.
+/// The length that means "unknown": of a stream, or of RF64 and BW64, whose lengths are in `ds64`.
 const UNKNOWN_LENGTH: u32 = u32::MAX;
 
 /// A declared length from here on is a placeholder of a program that did not know it: `sox` and `arecord`
@@ -110,7 +110,7 @@ impl WavHeader {
                         RecordingError::wav("fmt chunk", "missing", "one before the data chunk")
                     })?;
                     let data_bytes = match (declared, long_data_bytes) {
-                        (UNKNOWN_LENGTH, Some(long)) if chunks.is_rf64 => Some(long),
+                        (UNKNOWN_LENGTH, Some(long)) if chunks.has_long_lengths => Some(long),
                         (UNKNOWN_LENGTH, _) => None,
                         (bytes, _) => Some(u64::from(bytes)),
                     };
@@ -127,22 +127,23 @@ struct Chunks<'a, R> {
     reader: &'a mut R,
     position: u64,
     big_endian: bool,
-    is_rf64: bool,
+    /// Whether lengths of 64 bits are in `ds64`: RF64, BW64.
+    has_long_lengths: bool,
 }
 
 impl<'a, R: Read> Chunks<'a, R> {
     fn open(reader: &'a mut R) -> Result<Self, RecordingError> {
-        let mut chunks = Self { reader, position: 0, big_endian: false, is_rf64: false };
+        let mut chunks = Self { reader, position: 0, big_endian: false, has_long_lengths: false };
         let head: [u8; 12] = chunks.bytes("the RIFF header", 12)?;
         match &head[..4] {
             b"RIFF" => {}
             b"RIFX" => chunks.big_endian = true,
-            b"RF64" => chunks.is_rf64 = true,
+            b"RF64" | b"BW64" => chunks.has_long_lengths = true,
             other => {
                 return Err(RecordingError::wav(
                     "file tag",
                     format!("\"{}\"", other.escape_ascii()),
-                    "RIFF, RIFX or RF64",
+                    "RIFF, RIFX, RF64 or BW64",
                 ));
             }
         }

@@ -19,6 +19,7 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ("wav-truncated.wav", &[Error("ends in the data chunk at byte 52: 4096 bytes declared, 8 found")]),
     ("wav-declares-4-gib.wav", &[Error("4294967294 bytes declared, 8 found")]),
     ("wav-length-left-open.wav", &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])]),
+    ("wav-bw64.wav", &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])]),
     ("wav-rf64-declares-exbibytes.wav", &[Error("1152921504606846976 bytes declared, 8 found")]),
     ("wav-zero-channels.wav", &[Error("channel count is 0")]),
     ("wav-65535-channels.wav", &[Error("channel count is 65535")]),
