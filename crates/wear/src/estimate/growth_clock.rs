@@ -112,6 +112,20 @@ impl GrowthClock {
     }
 }
 
+/// Returns the mean time in seconds between the records of a baseline: the times of its first two records, the
+/// end, and their number.
+///
+/// A first record long before all others does not count: its time is wrong, or the machine stood since.
+pub(super) fn baseline_interval_s([first, second]: [Timestamp; 2], ended: Timestamp, records: usize) -> f64 {
+    let mean_s = |began: Timestamp, records: usize| {
+        let intervals = records.saturating_sub(1).max(1) as f64;
+        ended.duration_since(began).as_secs_f64().max(0.0) / intervals
+    };
+    let later_s = mean_s(second, records.saturating_sub(1));
+    let is_stray = second.duration_since(first).as_secs_f64() > MAX_INTERVALS * later_s;
+    if is_stray && later_s > 0.0 { later_s } else { mean_s(first, records) }
+}
+
 /// Returns the length of a unit of growth in intervals of the baseline, for a machine that has run for `age`
 /// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a
 /// unit is at least a 25th of its age.
@@ -138,6 +152,16 @@ mod tests {
             clock.advance(at(hour), 1.0, EXPECTED);
         }
         clock
+    }
+
+    #[test]
+    fn a_first_record_long_before_the_others_does_not_stretch_the_interval() {
+        let interval_s = |first| baseline_interval_s([at(first), at(1)], at(19), 20);
+        assert_eq!(interval_s(0), 3600.0);
+        assert_eq!(interval_s(-57), 4.0 * 3600.0);
+        assert_eq!(interval_s(-100_000), 3600.0);
+        // Records whose times are all the same but one.
+        assert_eq!(baseline_interval_s([at(0), at(19)], at(19), 20), 3600.0);
     }
 
     #[test]

@@ -33,6 +33,9 @@ pub(super) struct Collecting {
     /// Shared with the states before and after it.
     records: Vec<Arc<Features>>,
     start: Option<Timestamp>,
+    /// Time of the record after the first.
+    #[serde(default)]
+    second: Option<Timestamp>,
     carried: Option<Carried>,
     #[serde(default)]
     meshless: Meshless,
@@ -102,6 +105,11 @@ impl Collecting {
         self.carried.take().map(|carried| carried.filter)
     }
 
+    /// Times of the first two records, where the latest began at `latest`.
+    fn first_times(&self, latest: Timestamp) -> [Timestamp; 2] {
+        [self.start, self.second].map(|time| time.unwrap_or(latest))
+    }
+
     /// Whether a record at this time is the first one after the chosen baseline.
     pub(super) fn ends_chosen_baseline(&self, at: Timestamp) -> bool {
         self.chosen.as_ref().is_some_and(|chosen| at >= chosen.until)
@@ -120,9 +128,9 @@ impl Tracker {
         if collecting.records.len() < MIN_CHOSEN {
             return None;
         }
-        let (began, ended) = (collecting.start.unwrap_or(at), over.latest.unwrap_or(at));
+        let (first, ended) = (collecting.first_times(at), over.latest.unwrap_or(at));
         let carried = collecting.take_carried();
-        Some(self.start_tracking(&collecting.records, began, ended, carried))
+        Some(self.start_tracking(&collecting.records, first, ended, carried))
     }
 
     /// Adds a record to the baseline. Returns the answer, and the tracking once the baseline is complete.
@@ -145,7 +153,10 @@ impl Tracker {
         if let Some(rejection) = rejection {
             return (self.not_comparable(have, rejection), None);
         }
-        collecting.start.get_or_insert(at);
+        match collecting.start {
+            Some(_) => _ = collecting.second.get_or_insert(at),
+            None => collecting.start = Some(at),
+        }
         if let Some(chosen) = &mut collecting.chosen {
             if collecting.records.len() < MAX_CHOSEN {
                 collecting.records.push(Arc::new(features.clone()));
@@ -163,8 +174,8 @@ impl Tracker {
         let have = collecting.records.iter().filter(|record| alike(record)).count() as u32;
         let tracking = (have >= need).then(|| {
             collecting.records.retain(alike);
-            let (began, carried) = (collecting.start.unwrap_or(at), collecting.take_carried());
-            self.start_tracking(&collecting.records, began, at, carried)
+            let (first, carried) = (collecting.first_times(at), collecting.take_carried());
+            self.start_tracking(&collecting.records, first, at, carried)
         });
         let reason = format!("collecting baseline, {have} of {need}");
         (self.without_depth(WearStatus::CollectingBaseline, have, &reason), tracking)

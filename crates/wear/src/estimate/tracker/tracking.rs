@@ -18,7 +18,7 @@ use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::{Filter, JointPosterior};
 use crate::estimate::growth::Jumps;
-use crate::estimate::growth_clock::{GrowthClock, Signs};
+use crate::estimate::growth_clock::{GrowthClock, Signs, baseline_interval_s};
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::levels::{Levels, is_impulsive};
 use crate::estimate::likelihood::Likelihood;
@@ -127,16 +127,16 @@ impl Tracking {
 }
 
 impl Tracker {
-    /// Starts tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    /// Starts tracking after a baseline of these records, the first two of which began at `first`; it ended at
+    /// `ended`.
     pub(super) fn start_tracking(
         &self,
         records: &[Arc<Features>],
-        began: Timestamp,
+        first: [Timestamp; 2],
         ended: Timestamp,
         carried: Option<Filter>,
     ) -> Tracking {
-        let intervals = records.len().saturating_sub(1).max(1) as f64;
-        let interval_s = ended.duration_since(began).as_secs_f64().max(0.0) / intervals;
+        let interval_s = baseline_interval_s(first, ended, records.len());
         let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
         let filter = carried.filter(|filter| filter.fits(members, self.variants()));
         Tracking {
