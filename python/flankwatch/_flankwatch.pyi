@@ -720,7 +720,8 @@ class Tracker:
         """Replaces the state.
 
         Raises:
-            ValueError: if the text is not a tracker's state.
+            ValueError: if the text is not a tracker's state, or one of a library with another number of
+                members.
         """
 
     def save(self, path: _Path) -> None:
@@ -735,7 +736,7 @@ class Tracker:
 
         Raises:
             OSError: if the file cannot be read.
-            ValueError: if it is not a tracker's state.
+            ValueError: if it is not a tracker's state, or one of a library with another number of members.
         """
 
 def condition(

@@ -198,10 +198,15 @@ impl Tracker {
     /// Replaces the state.
     ///
     /// Raises:
-    ///     ValueError: if the text is not a tracker's state.
+    ///     ValueError: if the text is not a tracker's state, or one of a library with another number of
+    ///         members.
     fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
         let restored: ChannelState = serde_json::from_str(state)
             .map_err(|error| value_error(format!("not a tracker state: {error}")))?;
+        if !self.estimator.continues(&restored) {
+            let value = "that of a library with another number of members";
+            return Err(argument_error("state", value, "one of this tracker's library"));
+        }
         py.detach(|| *self.state.lock().unwrap_or_else(PoisonError::into_inner) = restored);
         Ok(())
     }
@@ -223,7 +228,7 @@ impl Tracker {
     ///
     /// Raises:
     ///     OSError: if the file cannot be read.
-    ///     ValueError: if it is not a tracker's state.
+    ///     ValueError: if it is not a tracker's state, or one of a library with another number of members.
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = std::fs::read_to_string(&path)
             .map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;

@@ -138,6 +138,10 @@ def test_a_tracker_continues_from_its_saved_state(pair, library, tmp_path):
     assert said["time"] == "2026-01-01T09:00:00Z"
     assert said["wear"]["baseline"]["have"] == 8 and said["wear"]["status"] != "collecting_baseline"
     assert "na4" in said["indicators"]
+    other = flankwatch.Tracker(flankwatch.Ensemble.build(library, members=4))
+    with pytest.raises(ValueError, match="another number of members"):
+        other.restore(tracker.state)
+    flankwatch.Tracker(library).restore(tracker.state)
     with pytest.raises(ValueError, match="time is 'noon'"):
         tracker.update(run[0].samples, 20_000.0, "noon")
     tracker.maintenance("gear_replaced", "2026-01-02T00:00:00Z")

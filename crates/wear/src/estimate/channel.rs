@@ -74,6 +74,11 @@ impl ChannelEstimator {
         }
     }
 
+    /// Whether a state is one of this estimator's, or of one whose ensemble has as many members.
+    pub fn continues(&self, state: &ChannelState) -> bool {
+        self.tracker.continues(&state.tracker)
+    }
+
     /// Updates the state with a record and returns its results.
     pub fn record(
         &self,

@@ -92,6 +92,17 @@ impl Tracker {
         TrackerState(Stage::Collecting(Box::default()))
     }
 
+    /// Whether the tracker can continue from a state: if wear is tracked in it, then with as many members.
+    pub(super) fn continues(&self, state: &TrackerState) -> bool {
+        let members = self.members();
+        match &state.0 {
+            Stage::Collecting(collecting) => {
+                collecting.carried().is_none_or(|filter| filter.fits(members, self.variants()))
+            }
+            Stage::Tracking(tracking) => tracking.fits(members, self.variants()),
+        }
+    }
+
     /// Updates the state with a record that began at `at` and returns its estimate. Records and events must
     /// come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
@@ -179,6 +190,11 @@ impl Tracker {
     /// Depths in µm that are tracked, more than are reported; none without a library.
     fn tracked_um(&self) -> &[f64] {
         self.ensemble.as_deref().map_or(&[], Ensemble::depths_um)
+    }
+
+    /// Number of members of the ensemble; 0 without one.
+    fn members(&self) -> usize {
+        self.ensemble.as_deref().map_or(0, |ensemble| ensemble.members().len())
     }
 
     fn variants(&self) -> usize {

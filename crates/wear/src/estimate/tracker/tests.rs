@@ -343,6 +343,19 @@ fn states_of_a_channel_share_their_baseline() {
 }
 
 #[test]
+fn a_state_continues_only_with_as_many_members() {
+    let library = Arc::new(synthetic_library());
+    let (tracker, without) = (tracker(&library), Tracker::new(settings(), None));
+    let mut rng = ChaCha8Rng::seed_from_u64(43);
+    let mut state = tracker.start();
+    for _ in 0..=NEED {
+        assert!(tracker.continues(&state) && without.continues(&state));
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+    }
+    assert!(tracker.continues(&state) && !without.continues(&state));
+}
+
+#[test]
 fn an_unexplained_record_leaves_the_filter_unchanged() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);

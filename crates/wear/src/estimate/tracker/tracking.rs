@@ -88,6 +88,16 @@ impl Tracking {
         &self.baseline
     }
 
+    /// Whether all it knows of the members is of this number of them, in groups of `variants`.
+    pub(super) fn fits(&self, members: usize, variants: usize) -> bool {
+        let depths = self.reference.iter().chain(self.anchor.as_ref().map(|anchor| &anchor.depths));
+        let is_of_members = |depths: &Vec<u8>| {
+            depths.len() == members && depths.iter().all(|depth| usize::from(*depth) < DEPTHS)
+        };
+        depths.into_iter().all(is_of_members)
+            && self.filter.as_ref().is_none_or(|filter| filter.fits(members, variants))
+    }
+
     /// Takes an inspection of the teeth as the anchor, and as the end of a sudden change.
     pub(super) fn add_inspection(&mut self, ensemble: &Ensemble, inspection: &Inspection) {
         let Inspection { depth_um, place, .. } = *inspection;
@@ -137,8 +147,7 @@ impl Tracker {
         carried: Option<Filter>,
     ) -> Tracking {
         let interval_s = baseline_interval_s(first, ended, records.len());
-        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
-        let filter = carried.filter(|filter| filter.fits(members, self.variants()));
+        let filter = carried.filter(|filter| filter.fits(self.members(), self.variants()));
         Tracking {
             baseline: Arc::new(Baseline::of(records)),
             clock: GrowthClock::start(ended, interval_s),
