@@ -62,13 +62,13 @@ pub enum CliError {
     Figures(#[from] crate::figures::FiguresError),
     /// A recording could not be converted.
     #[error(transparent)]
-    Convert(#[from] super::convert::ConvertError),
+    Convert(#[from] super::recordings::convert::ConvertError),
     /// A run could not be simulated.
     #[error(transparent)]
     Simulation(#[from] crate::simulation::SimulationError),
     /// The service could not start or stopped with an error.
     #[error(transparent)]
-    Serve(#[from] super::serve_error::ServeError),
+    Serve(#[from] super::service::serve_error::ServeError),
     /// The demonstration's service could not start or stopped with an error.
     #[error(transparent)]
     Service(#[from] crate::http::StartError),

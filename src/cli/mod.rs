@@ -1,45 +1,14 @@
-//! The command-line interface: each module parses one command's arguments, runs it and prints the result.
+//! The command-line interface. A command's module parses its arguments, runs it and prints the result.
 
-mod analyze;
-mod backup;
-mod cluster;
+mod administration;
+mod client;
 mod completions;
-mod convert;
-mod dead_letters;
-mod demo;
-mod ensemble;
 mod error;
-mod evaluate;
-mod export;
-mod figures;
 mod interrupt;
-mod library;
-mod model;
-mod mqtt;
-#[cfg(feature = "nats")]
-mod node;
 mod output;
-mod pair_file;
-mod plot;
-mod quarantine;
-mod reading_progress;
-mod rebuild;
-mod recorded_runs;
-mod recording_files;
-mod recording_values;
-mod records;
-mod replay;
-mod serve;
-mod serve_error;
-mod server;
-#[cfg(feature = "postgres")]
-mod shared_store;
-mod simulate;
-mod store_place;
-mod stream;
-mod token;
-mod verify;
-mod work;
+mod recordings;
+mod service;
+mod simulation;
 
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
@@ -49,6 +18,12 @@ use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+
+use administration::{backup, cluster, dead_letters, quarantine, rebuild, token, verify};
+use client::{export, records, replay, stream};
+use recordings::{analyze, convert};
+use service::{demo, serve, work};
+use simulation::{evaluate, figures, library, model, simulate};
 
 pub use error::CliError;
 

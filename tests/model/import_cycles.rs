@@ -20,9 +20,9 @@ const ALLOWED: [&[&str]; 8] = [
     &["src/store"],
     &["src/service/streams"],
     &["src/cluster/intake", "src/cluster/worker"],
-    &["src/cli/analyze"],
-    &["src/cli/convert", "src/cli/error"],
-    &["src/cli/stream"],
+    &["src/cli/recordings/analyze"],
+    &["src/cli/error", "src/cli/recordings/convert"],
+    &["src/cli/client/stream"],
 ];
 
 #[test]

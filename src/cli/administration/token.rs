@@ -1,0 +1,64 @@
+//! `flankwatch token`: creates, lists and revokes API tokens.
+
+use clap::{Args, Subcommand};
+use jiff::Timestamp;
+
+use super::store_place::{StorePlace, runtime};
+use crate::cli::CliError;
+use crate::cli::output::print;
+use crate::http::{Scope, Token, Tokens};
+use crate::store::StoreSettings;
+
+/// Arguments of `flankwatch token`.
+#[derive(Debug, Clone, Args)]
+pub(in crate::cli) struct TokenArgs {
+    #[command(subcommand)]
+    action: Action,
+    #[command(flatten)]
+    place: StorePlace,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+enum Action {
+    /// Create a token and print it; only its hash is stored, so it cannot be printed again
+    Create {
+        /// Name that says what the token is for.
+        name: String,
+        /// read: view; write: also send records and acknowledge alarms; admin: also create and delete assets.
+        #[arg(long, default_value = "read")]
+        scope: Scope,
+    },
+    /// List the tokens, without their secrets
+    List,
+    /// Revoke a token
+    Revoke {
+        /// Identifier of the token, as listed.
+        id: String,
+    },
+}
+
+pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
+    let (_, settings) = args.place.resolve()?;
+    runtime()?.block_on(async {
+        let tokens = match &settings {
+            StoreSettings::Folder(folder) => Tokens::of(folder),
+            #[cfg(feature = "postgres")]
+            StoreSettings::Shared(_) => Tokens::shared(crate::store::Store::open(&settings).await?),
+        };
+        match &args.action {
+            Action::Create { name, scope } => {
+                let token = tokens.create(name, *scope, Timestamp::now()).await?;
+                print(&format!("{token}\n"))
+            }
+            Action::List => print(&table(&tokens.list().await?.unwrap_or_default())),
+            Action::Revoke { id } => Ok(tokens.revoke(id, Timestamp::now()).await?),
+        }
+    })
+}
+
+fn table(tokens: &[Token]) -> String {
+    let line = |token: &Token| {
+        format!("{}  {:5}  {:.0}  {}\n", token.id, token.scope.name(), token.created_at, token.name)
+    };
+    tokens.iter().map(line).collect()
+}

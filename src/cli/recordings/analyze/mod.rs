@@ -1,0 +1,129 @@
+//! `flankwatch analyze`: computes indicators and wear of recordings, without a server.
+
+mod analysis;
+mod csv;
+mod envelope;
+mod record;
+mod table;
+mod verdict;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use jiff::Timestamp;
+
+use self::analysis::Analysis;
+use self::envelope::EnvelopeArg;
+use self::table::Column;
+use super::reading_progress::ReadingProgress;
+use super::recording_files::recording_files;
+use super::recording_values::RecordingValues;
+use crate::asset::AssetSpec;
+use crate::cli::{CliError, output};
+use crate::library::EnsembleSettings;
+
+/// Arguments of `flankwatch analyze`.
+#[derive(Args)]
+pub(in crate::cli) struct AnalyzeArgs {
+    /// Recordings in time order, folders or patterns such as `day-*.wav`
+    ///
+    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders
+    /// and patterns are read in order of their names.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    #[command(flatten)]
+    values: RecordingValues,
+    /// Asset file (TOML): tooth counts, nominal speed, gear pair [default: only indicators that need no
+    /// speed]
+    #[arg(long, value_name = "FILE")]
+    asset: Option<PathBuf>,
+    /// Output format
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+    /// Additional table columns: names of indicators, `channel`, `file` or `angle`
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    columns: Vec<String>,
+    /// Write an HTML report to this file
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Split recordings other than MCAP into records of this length in seconds; a remainder below half of it
+    /// is dropped
+    #[arg(long, value_name = "S")]
+    record_seconds: Option<f64>,
+    /// Time of the first sample, for recordings without one; later recordings follow on
+    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
+    start_time: Timestamp,
+    /// Rotational frequency of the driving shaft in Hz, for recordings without one
+    #[arg(long, value_name = "HZ")]
+    shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in N·m, for recordings without one
+    #[arg(long, value_name = "NM")]
+    torque_nm: Option<f64>,
+    /// Add each record's envelope spectrum to the JSON output, in this band
+    ///
+    /// asset: the band of the asset file; mesh: around the strongest mesh harmonic; kurtogram: the band with
+    /// the highest spectral kurtosis; LOW,HIGH: limits in Hz.
+    #[arg(long, value_name = "asset|mesh|kurtogram|LOW,HIGH")]
+    envelope: Option<EnvelopeArg>,
+    /// Data folder; libraries are cached in its folder `libraries`
+    #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]
+    data_dir: PathBuf,
+    /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
+    #[arg(long, default_value_t = EnsembleSettings::default().members)]
+    members: usize,
+}
+
+/// Output formats.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Aligned columns
+    Table,
+    /// One JSON array with an object per record
+    Json,
+    /// One line per record
+    Csv,
+}
+
+/// Runs the command.
+pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
+    let asset = args.asset.as_deref().map(read_asset).transpose()?;
+    let columns = Column::parse(&args.columns, asset.as_ref())?;
+    let mut analysis = Analysis::new(args, asset);
+    let mut next_start = args.start_time;
+    let mut failed = 0;
+    let files = recording_files(&args.files)?;
+    let mut progress = ReadingProgress::new(&files);
+    for path in &files {
+        progress.begin(path);
+        if let Err(error) = analysis.analyze_file(path, &mut next_start, &progress) {
+            progress.print(&format!("error: {error}"));
+            failed += 1;
+        }
+    }
+    drop(progress);
+    analysis.estimate_wear()?;
+    output::print(&match args.format {
+        Format::Table => table::table(&analysis.records, &columns),
+        Format::Json => {
+            serde_json::to_string_pretty(&analysis.records).expect("records hold finite numbers and strings")
+                + "\n"
+        }
+        Format::Csv => csv::csv(&analysis.records),
+    })?;
+    if let Some(path) = &args.report {
+        output::write_file(path, analysis.report().html().as_bytes())?;
+    }
+    if failed > 0 {
+        return Err(CliError::SomeFailed { failed, all: files.len() });
+    }
+    Ok(())
+}
+
+fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {
+    let text = fs::read_to_string(path).map_err(CliError::io(path))?;
+    AssetSpec::from_toml(&text).map_err(|source| CliError::Asset { path: path.to_owned(), source })
+}

@@ -1,0 +1,129 @@
+//! Options for what a recording lacks: the scale of its values and its start time.
+
+use std::path::Path;
+
+use clap::Args;
+use jiff::Timestamp;
+use jiff::fmt::strtime::BrokenDownTime;
+use jiff::tz::TimeZone;
+
+use crate::cli::CliError;
+use crate::recording::RecordDefaults;
+
+/// Millivolts in a volt.
+const MV_PER_V: f64 = 1e3;
+
+/// Options of the commands that read recordings.
+#[derive(Debug, Clone, Default, Args)]
+pub(in crate::cli) struct RecordingValues {
+    /// Factor for the values of WAV, FLAC, CSV, MATLAB and NumPy; full-scale WAV and FLAC integers are 1
+    /// before
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
+    scale: Option<f64>,
+    /// Sensor sensitivity in mV/g: converts values in volts (after --scale) to g
+    #[arg(long, value_name = "MV_PER_G")]
+    sensitivity_mv_per_g: Option<f64>,
+    /// Read the time of the first sample from the file name, by a pattern such as %Y%m%d_%H%M%S
+    ///
+    /// The time may stand anywhere in the name. It is UTC unless the pattern has %z.
+    #[arg(long, value_name = "PATTERN")]
+    time_from_name: Option<String>,
+}
+
+impl RecordingValues {
+    /// Overrides the defaults with the options; `path` is the file whose name may have the time.
+    pub(in crate::cli) fn apply(&self, path: &Path, defaults: &mut RecordDefaults) -> Result<(), CliError> {
+        let scale = self.scale.unwrap_or(1.0);
+        check("--scale", scale, scale != 0.0, "a finite number other than 0")?;
+        if self.scale.is_some() {
+            defaults.scale = Some(scale);
+        }
+        if let Some(sensitivity) = self.sensitivity_mv_per_g {
+            check("--sensitivity-mv-per-g", sensitivity, sensitivity > 0.0, "a finite number above 0")?;
+            defaults.scale = Some(scale * MV_PER_V / sensitivity);
+            defaults.unit = Some("g".to_owned());
+            defaults.channel_units.clear();
+        }
+        if let Some(pattern) = &self.time_from_name {
+            defaults.start_time = time_in_name(path, pattern)?;
+        }
+        Ok(())
+    }
+}
+
+fn check(option: &str, value: f64, is_usable: bool, expected: &str) -> Result<(), CliError> {
+    if value.is_finite() && is_usable {
+        return Ok(());
+    }
+    Err(CliError::Argument(format!("{option} is {value}, expected {expected}")))
+}
+
+/// Finds the first time in a file name that matches the pattern.
+fn time_in_name(path: &Path, pattern: &str) -> Result<Timestamp, CliError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    // A sign before a year is a separator, not part of the year.
+    let is_sign = |at: usize| pattern.starts_with('%') && name[at..].starts_with(['-', '+']);
+    let found = name.char_indices().filter(|(at, _)| !is_sign(*at)).find_map(|(at, _)| {
+        let (time, _) = BrokenDownTime::parse_prefix(pattern, &name[at..]).ok()?;
+        match time.offset() {
+            Some(_) => time.to_timestamp().ok(),
+            None => time.to_datetime().ok()?.to_zoned(TimeZone::UTC).ok().map(|zoned| zoned.timestamp()),
+        }
+    });
+    found.ok_or_else(|| {
+        CliError::Argument(format!(
+            "{}: no time in the name, expected one as in --time-from-name {pattern:?}",
+            path.display()
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn time(name: &str, pattern: &str) -> Result<String, String> {
+        let time = time_in_name(&Path::new("folder").join(name), pattern);
+        time.map(|time| time.to_string()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_time_is_found_anywhere_in_a_name() {
+        for (name, pattern, expected) in [
+            ("2003.10.22.12.06.24", "%Y.%m.%d.%H.%M.%S", "2003-10-22T12:06:24Z"),
+            ("pump 3_20260131_235959_x.wav", "%Y%m%d_%H%M%S", "2026-01-31T23:59:59Z"),
+            ("é-2026-01-31T10.00+0200.csv.gz", "%Y-%m-%dT%H.%M%z", "2026-01-31T08:00:00Z"),
+            ("day 2026-01-31.npy", "%Y-%m-%d", "2026-01-31T00:00:00Z"),
+        ] {
+            assert_eq!(time(name, pattern).unwrap(), expected, "{name}");
+        }
+        for (name, pattern) in [("a.wav", "%Y%m%d"), ("20261331.wav", "%Y%m%d"), ("x", "%Q")] {
+            let error = time(name, pattern).unwrap_err();
+            assert!(error.contains(name) && error.contains(pattern), "{error}");
+        }
+    }
+
+    #[test]
+    fn volts_become_g_by_the_sensitivity() {
+        let values = RecordingValues {
+            scale: Some(5.0),
+            sensitivity_mv_per_g: Some(100.0),
+            ..RecordingValues::default()
+        };
+        let mut defaults = RecordDefaults::default();
+        values.apply(Path::new("a.wav"), &mut defaults).unwrap();
+        // Full scale is 5 V, and 0.1 V is 1 g.
+        assert_eq!((defaults.scale, defaults.unit.as_deref()), (Some(50.0), Some("g")));
+        for (invalid, option) in [
+            (RecordingValues { scale: Some(0.0), ..RecordingValues::default() }, "--scale"),
+            (RecordingValues { scale: Some(f64::NAN), ..RecordingValues::default() }, "--scale"),
+            (
+                RecordingValues { sensitivity_mv_per_g: Some(-1.0), ..RecordingValues::default() },
+                "--sensitivity",
+            ),
+        ] {
+            let error = invalid.apply(Path::new("a.wav"), &mut defaults).unwrap_err().to_string();
+            assert!(error.contains(option), "{error}");
+        }
+    }
+}

@@ -1,0 +1,381 @@
+//! Scores of the estimator, or of another estimator's answers, on recorded runs with known wear.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use crate::cli::{CliError, output};
+use crate::evaluation::{
+    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, ScoreAfter,
+    SingleIndicators, follow, follow_together, leave_one_out, look_back, score_run, single_indicators,
+};
+use crate::gear::PairSpec;
+use crate::library::Ensemble;
+use crate::recording::{RecordDefaults, RecordingFile};
+use crate::signal::{AnalysisSettings, Analyzer, MeshContext};
+
+/// Number of records in the baseline.
+const BASELINE: u32 = 20;
+
+/// Greatest relative deviation of the speed from nominal.
+const SPEED_TOLERANCE: f64 = 0.05;
+
+#[derive(Deserialize)]
+struct Truth {
+    wear_um: f64,
+}
+
+/// Another estimator's answers by run, one per record: median and ends of the 90 % interval in µm.
+type Answers = BTreeMap<String, Vec<Option<[f64; 3]>>>;
+
+/// The estimates of a run, or of all its channels together.
+struct EstimatedRun {
+    name: String,
+    answers: Vec<Answer>,
+    in_hindsight: Option<HindsightScore>,
+}
+
+/// Scores runs and prints a table or JSON. Channels are scored individually and together.
+pub(super) fn run(
+    folders: &[PathBuf],
+    pair: &PairSpec,
+    ensemble: &dyn Fn() -> Result<Arc<Ensemble>, CliError>,
+    trial: RunOptions,
+    answers: Option<&Path>,
+    json: bool,
+) -> Result<(), CliError> {
+    let names = names_of(folders);
+    let machines: Vec<Vec<RecordedRun>> = folders
+        .iter()
+        .zip(&names)
+        .map(|(folder, name)| read(folder, name, pair))
+        .collect::<Result<_, _>>()?;
+    let runs: Vec<&RecordedRun> = machines.iter().flatten().collect();
+    let imported: Option<Answers> = answers.map(read_answers).transpose()?;
+    let mut estimated: Vec<EstimatedRun> = Vec::new();
+    match &imported {
+        Some(imported) => {
+            for run in &runs {
+                let (name, answers) = (run.name.clone(), imported_answers(run, imported)?);
+                estimated.push(EstimatedRun { name, answers, in_hindsight: None });
+            }
+        }
+        None => {
+            let ensemble = ensemble()?;
+            let machine = |(channels, name): (&Vec<RecordedRun>, &String)| {
+                let (of_channels, together) = follow_together(channels, &ensemble, BASELINE, trial);
+                let mut estimated: Vec<EstimatedRun> = channels
+                    .iter()
+                    .zip(of_channels)
+                    .map(|(run, answers)| EstimatedRun {
+                        name: run.name.clone(),
+                        answers,
+                        in_hindsight: look_back(run, &ensemble, BASELINE, trial),
+                    })
+                    .collect();
+                if channels.len() > 1 {
+                    let name = format!("{name}, together");
+                    estimated.push(EstimatedRun { name, answers: together, in_hindsight: None });
+                }
+                estimated
+            };
+            estimated = machines.par_iter().zip(&names).flat_map_iter(machine).collect();
+        }
+    }
+    let score = |EstimatedRun { name, answers, in_hindsight }: &EstimatedRun| {
+        let records = answers.last().map_or(0, |answer| answer.record + 1);
+        let inspected_at = trial.inspection_um.map(|_| records / 2);
+        let score = score_run(name, answers, BASELINE as usize, inspected_at);
+        RunScore { in_hindsight: in_hindsight.clone(), ..score }
+    };
+    let scores: Vec<RunScore> = estimated.iter().map(score).collect();
+    let single = single_indicators(&runs, BASELINE as usize);
+    if json {
+        let answers: BTreeMap<_, _> = estimated.into_iter().map(|run| (run.name, run.answers)).collect();
+        let all = serde_json::json!({ "scores": scores, "single_indicators": single, "answers": answers });
+        output::print(&format!("{all}\n"))?;
+        return Ok(());
+    }
+    output::print(&header())?;
+    scores.iter().try_for_each(|score| output::print(&row(score)))?;
+    for RunScore { run, in_hindsight, .. } in &scores {
+        if let Some(HindsightScore { error_um, width_um, coverage }) = in_hindsight {
+            output::print(&format!(
+                "{run:<24} before the inspection, filtered and smoothed: error {:.1} {:.1}, width {:.1} {:.1}, covered {:.3} {:.3}\n",
+                error_um[0], error_um[1], width_um[0], width_um[1], coverage[0], coverage[1]
+            ))?;
+        }
+    }
+    output::print(&indicator_table(&single))
+}
+
+/// Scores the estimate on runs of `count` ensemble members, each estimated without the member itself.
+pub(super) fn run_members(
+    ensemble: &Ensemble,
+    count: usize,
+    plan: LeftOutRun,
+    options: RunOptions,
+) -> Result<(), CliError> {
+    output::print(&header())?;
+    let runs = leave_one_out(ensemble, count, plan);
+    let scores: Vec<RunScore> = runs
+        .par_iter()
+        .map(|(run, others)| {
+            let answers = follow(run, others, BASELINE, options);
+            let inspected_at = options.inspection_um.map(|_| run.records.len() / 2);
+            score_run(&run.name, &answers, BASELINE as usize, inspected_at)
+        })
+        .collect();
+    scores.iter().try_for_each(|score| output::print(&row(score)))?;
+    let all = scores.len().max(1) as f64;
+    let mean = |of: fn(&RunScore) -> f64| scores.iter().map(of).sum::<f64>() / all;
+    output::print(&format!(
+        "{} members: covered {:.3}, error {:.1} µm, width {:.1} µm\n",
+        scores.len(),
+        mean(|score| score.coverage),
+        mean(|score| score.mean_error_um),
+        mean(|score| score.width_um),
+    ))?;
+    if options.inspection_um.is_some() {
+        let mean = |of: fn(&ScoreAfter) -> f64| {
+            scores.iter().filter_map(|score| score.after.as_ref()).map(of).sum::<f64>() / all
+        };
+        output::print(&format!(
+            "from the inspection on: covered {:.3}, error {:.1} µm, width {:.1} µm\n",
+            mean(|after| after.coverage),
+            mean(|after| after.mean_error_um),
+            mean(|after| after.width_um),
+        ))?;
+    }
+    Ok(())
+}
+
+/// Formats the results of single indicators on the same runs.
+fn indicator_table(scores: &[SingleIndicators]) -> String {
+    let mut text = format!(
+        "\n{:<24} {:>20} {:>26} {:>10}\n",
+        "single indicators", "rms doubled, at µm", "regression on OMX, error", "its rank"
+    );
+    let or_dash = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    for score in scores {
+        text += &format!(
+            "{:<24} {:>20} {:>26} {:>10}\n",
+            score.run,
+            or_dash(score.rms_alarm_um, 0),
+            or_dash(score.omx_error_um, 1),
+            or_dash(score.omx_rank, 3),
+        );
+    }
+    text
+}
+
+fn header() -> String {
+    format!(
+        "{:<24} {:>9} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>16}  {}\n",
+        "run",
+        "estimated",
+        "flagged",
+        "covered",
+        "longest",
+        "rank",
+        "error",
+        "bias",
+        "width",
+        "narrow",
+        "after",
+        "last"
+    )
+}
+
+fn row(score: &RunScore) -> String {
+    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+    let after = score.after.as_ref().map(|ScoreAfter { mean_error_um, width_um, coverage }| {
+        format!("{mean_error_um:.1} {width_um:.1} {coverage:.3}")
+    });
+    let last = score.last.map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
+    format!(
+        "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>16}  {}\n",
+        score.run,
+        format!("{}/{}", score.estimated, score.records),
+        score.flagged,
+        score.coverage,
+        score.longest_miss,
+        or_dash(score.rank.map(|rank| format!("{rank:.3}"))),
+        score.mean_error_um,
+        score.bias_um,
+        score.width_um,
+        format!("{}/{}", score.narrow[1], score.narrow[0]),
+        or_dash(after),
+        or_dash(last),
+    )
+}
+
+/// Returns the names of the folders; those that several share are replaced by their paths.
+fn names_of(folders: &[PathBuf]) -> Vec<String> {
+    let is_shared =
+        |name: &OsStr| folders.iter().filter(|folder| folder.file_name() == Some(name)).count() > 1;
+    let name = |folder: &PathBuf| match folder.file_name() {
+        Some(name) if !is_shared(name) => name.to_string_lossy().into_owned(),
+        _ => folder.display().to_string(),
+    };
+    folders.iter().map(name).collect()
+}
+
+/// Reads a folder's records, in order of file names, with their true wear; returns a run for each channel.
+fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
+    let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .map_err(|error| failed(error.to_string()))?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
+        .collect();
+    files.sort();
+    let mut table = csv::Reader::from_path(folder.join("truth.csv"))
+        .map_err(|error| failed(format!("truth.csv: {error}")))?;
+    let truth: Vec<f64> = table
+        .deserialize()
+        .map(|row| row.map(|Truth { wear_um }| wear_um))
+        .collect::<Result<_, _>>()
+        .map_err(|error| failed(format!("truth.csv: {error}, expected a column wear_um")))?;
+    if let Some(row) = truth.iter().position(|um| !(*um >= 0.0 && um.is_finite())) {
+        let (line, um) = (row + 1, truth[row]);
+        return Err(failed(format!("truth.csv: wear_um of row {line} is {um}, expected a depth from 0 µm")));
+    }
+    if files.len() != truth.len() {
+        return Err(failed(format!(
+            "{} WAV files and {} rows in truth.csv, expected equal numbers",
+            files.len(),
+            truth.len()
+        )));
+    }
+    let records: Vec<Vec<Observation>> = files
+        .par_iter()
+        .zip(truth)
+        .map_init(
+            || Analyzer::new(AnalysisSettings::default()),
+            |analyzer, (path, wear_um)| analyse(analyzer, path, wear_um, pair),
+        )
+        .collect::<Result<_, _>>()?;
+    let count = records.first().map_or(0, Vec::len);
+    let mut channels = vec![Vec::with_capacity(records.len()); count];
+    for (path, record) in files.iter().zip(records) {
+        if record.len() != count {
+            let (file, has) = (path.display(), record.len());
+            return Err(failed(format!("{file} has {has} channels, expected {count} as in the first file")));
+        }
+        channels.iter_mut().zip(record).for_each(|(channel, observation)| channel.push(observation));
+    }
+    let name = |channel: usize| match count {
+        1 => name.to_owned(),
+        _ => format!("{name}, channel {}", channel + 1),
+    };
+    let channels = channels.into_iter().enumerate();
+    Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
+}
+
+/// Analyses the first record of each channel of a file.
+fn analyse(
+    analyzer: &mut Analyzer,
+    path: &Path,
+    wear_um: f64,
+    pair: &PairSpec,
+) -> Result<Vec<Observation>, CliError> {
+    let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
+    let file = RecordingFile::open(path, RecordDefaults::default(), None)
+        .map_err(|error| failed(error.to_string()))?;
+    let mesh = MeshContext::new(pair.geometry.teeth, pair.operation.shaft_speed_hz, SPEED_TOLERANCE);
+    let (mut observations, mut start) = (Vec::new(), None);
+    for recorded in file {
+        let record = recorded.map_err(|error| failed(error.to_string()))?.record;
+        // A long file has several records per channel: only the first one is used.
+        if *start.get_or_insert(record.start_time()) != record.start_time() {
+            break;
+        }
+        let analysis = analyzer.analyze(&record, &mesh);
+        observations.push(Observation {
+            wear_um,
+            single: ["rms", "kurtosis", "omx"].map(|name| analysis.indicators.get(name).unwrap_or(0.0)),
+            features: analysis.features,
+        });
+    }
+    if observations.is_empty() {
+        return Err(failed("no record".into()));
+    }
+    Ok(observations)
+}
+
+fn read_answers(path: &Path) -> Result<Answers, CliError> {
+    let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
+    serde_json::from_str(&text).map_err(|error| {
+        failed(format!("{error}, expected a list of [median, low, high] or null for each run"))
+    })
+}
+
+/// Pairs another estimator's answers with the records of a run.
+fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>, CliError> {
+    let answers = imported.get(&run.name).filter(|answers| answers.len() == run.records.len());
+    let answers = answers.ok_or_else(|| {
+        let expected = run.records.len();
+        CliError::Argument(format!("--answers has no list of {expected} answers for the run {:?}", run.name))
+    })?;
+    let is_out_of_order = |[median, low, high]: [f64; 3]| !(low <= median && median <= high);
+    if let Some(record) = answers.iter().position(|answer| answer.is_some_and(is_out_of_order)) {
+        return Err(CliError::Argument(format!(
+            "--answers has {:?} for record {} of the run {:?}, expected the median within its interval",
+            answers[record].unwrap_or_default(),
+            record + 1,
+            run.name
+        )));
+    }
+    let answer = |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| Answer {
+        record,
+        truth_um: observation.wear_um,
+        wear_um: *wear_um,
+        flagged: false,
+        sensor_fault: None,
+        machine_sign: None,
+        reason: String::new(),
+    };
+    Ok(answers.iter().zip(&run.records).enumerate().map(answer).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_with_the_same_name_are_told_apart_by_their_paths() {
+        let folders = ["threshold/1101", "loaded/1101", "healthy/1104"].map(PathBuf::from);
+        assert_eq!(names_of(&folders), ["threshold/1101", "loaded/1101", "1104"]);
+        assert_eq!(names_of(&[PathBuf::from(".")]), ["."]);
+    }
+
+    #[test]
+    fn a_true_depth_that_is_no_number_is_rejected_with_its_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let pair = crate::cli::simulation::pair_file::read(None).unwrap();
+        for wrong in ["NaN", "inf", "-1"] {
+            std::fs::write(folder.path().join("truth.csv"), format!("wear_um\n0\n{wrong}\n")).unwrap();
+            let error = read(folder.path(), "run", &pair).unwrap_err().to_string();
+            assert!(error.contains(&format!("wear_um of row 2 is {wrong}")), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_interval_without_its_median_is_rejected() {
+        let observation =
+            Observation { wear_um: 1.0, features: crate::signal::Features::default(), single: [0.0; 3] };
+        let run = RecordedRun { name: "a".to_owned(), records: vec![observation; 2] };
+        let imported = |second: [f64; 3]| Answers::from([("a".to_owned(), vec![None, Some(second)])]);
+        assert!(imported_answers(&run, &imported([5.0, 1.0, 9.0])).is_ok());
+        let error = imported_answers(&run, &imported([1.0, 5.0, 9.0])).unwrap_err().to_string();
+        assert!(error.contains("[1.0, 5.0, 9.0] for record 2 of the run \"a\""), "{error}");
+    }
+}
