@@ -100,7 +100,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                     clipped: quality.clipped,
                     gap: quality.gap,
                 }),
-                pulses: block.tachometer.map(Pulses::from),
+                pulses: block.tachometer,
                 source_scale: block.source_scale,
             })
         }
@@ -126,7 +126,7 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
             torque_nm: point.torque_nm,
             temperature_c: point.temperature_c,
         }),
-        tachometer: Pulses::of_record(record).map(message::Tachometer::from),
+        tachometer: Pulses::of_record(record),
         source_scale: record.source_scale(),
     }
 }

@@ -95,8 +95,8 @@ impl JsonTachometer {
 impl From<JsonTachometer> for Pulses {
     fn from(message: JsonTachometer) -> Self {
         Self {
-            time_ns: message.pulse_time_ns,
-            per_revolution: message.pulses_per_revolution,
+            pulse_time_ns: message.pulse_time_ns,
+            pulses_per_revolution: message.pulses_per_revolution,
             shaft: message.shaft,
         }
     }
@@ -105,8 +105,8 @@ impl From<JsonTachometer> for Pulses {
 impl From<Pulses> for JsonTachometer {
     fn from(pulses: Pulses) -> Self {
         Self {
-            pulse_time_ns: pulses.time_ns,
-            pulses_per_revolution: pulses.per_revolution,
+            pulse_time_ns: pulses.pulse_time_ns,
+            pulses_per_revolution: pulses.pulses_per_revolution,
             shaft: pulses.shaft,
         }
     }
@@ -368,7 +368,7 @@ mod tests {
         };
         let decode_tachometer =
             |pulses| JsonTachometer::decode(tachometer(pulses).as_bytes()).map_err(|error| error.to_string());
-        assert_eq!(decode_tachometer(MAX_PULSES).unwrap().time_ns.len(), MAX_PULSES);
+        assert_eq!(decode_tachometer(MAX_PULSES).unwrap().pulse_time_ns.len(), MAX_PULSES);
         let refused = "more than 4194304 pulses, send them in shorter messages";
         assert!(decode_tachometer(MAX_PULSES + 1).unwrap_err().contains(refused));
         let block = format!(

@@ -281,7 +281,7 @@ fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, Re
     Ok(match encoding {
         BlockEncoding::Protobuf => {
             pulse_count::check_tachometer(bytes)?;
-            message::Tachometer::decode(bytes).map_err(RecordingError::protobuf("a Tachometer"))?.into()
+            message::Tachometer::decode(bytes).map_err(RecordingError::protobuf("a Tachometer"))?
         }
         BlockEncoding::Json => JsonTachometer::decode(bytes)?,
     })
@@ -293,10 +293,10 @@ fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> 
     match encoding {
         // Concatenated protobuf messages are merged.
         BlockEncoding::Protobuf => {
-            let block = message::WaveformBlock { tachometer: Some(pulses.into()), ..Default::default() };
+            let block = message::WaveformBlock { tachometer: Some(pulses), ..Default::default() };
             raw.reserve_exact(block.encoded_len());
             block.encode(raw).expect("a vector grows as it must");
-            block.tachometer.map(Pulses::from)
+            block.tachometer
         }
         BlockEncoding::Json => {
             let end = raw.iter().rposition(|byte| *byte == b'}')?;

@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 
 use jiff::Timestamp;
 
-use super::message;
+pub(crate) use super::message::Tachometer as Pulses;
 use flankwatch_signal::{Record, Tachometer};
 
 /// Names of the driving shaft.
@@ -19,35 +19,6 @@ pub(super) const MAX_PULSES: usize = 1 << 22;
 /// Largest number of pulses stored over all assets of a recording: 64 MiB, shared equally.
 const MAX_TOTAL_PULSES: usize = 2 * MAX_PULSES;
 
-/// Pulses of a message.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Pulses {
-    /// Nanoseconds UTC.
-    pub(crate) time_ns: Vec<i64>,
-    pub(crate) per_revolution: u32,
-    pub(crate) shaft: String,
-}
-
-impl From<message::Tachometer> for Pulses {
-    fn from(message: message::Tachometer) -> Self {
-        Self {
-            time_ns: message.pulse_time_ns,
-            per_revolution: message.pulses_per_revolution,
-            shaft: message.shaft,
-        }
-    }
-}
-
-impl From<Pulses> for message::Tachometer {
-    fn from(pulses: Pulses) -> Self {
-        Self {
-            pulse_time_ns: pulses.time_ns,
-            pulses_per_revolution: pulses.per_revolution,
-            shaft: pulses.shaft,
-        }
-    }
-}
-
 impl Pulses {
     /// Converts to the pulses of a record that starts at `start`; `None` if they belong to another shaft.
     pub(crate) fn of(self, start: Timestamp) -> Option<Tachometer> {
@@ -55,11 +26,11 @@ impl Pulses {
         DRIVING.contains(&self.shaft.as_str()).then(|| Tachometer {
             // By value: the seconds reuse the memory of the nanoseconds, as there may be millions.
             pulse_times_s: self
-                .time_ns
+                .pulse_time_ns
                 .into_iter()
                 .map(|time| (i128::from(time) - i128::from(start_ns)) as f64 / 1e9)
                 .collect(),
-            pulses_per_revolution: self.per_revolution,
+            pulses_per_revolution: self.pulses_per_revolution,
         })
     }
 
@@ -70,8 +41,8 @@ impl Pulses {
         let time_ns = tachometer.pulse_times_s.iter();
         Some(Self {
             // A pulse whose time is out of range is clamped to the end of the range.
-            time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
-            per_revolution: tachometer.pulses_per_revolution,
+            pulse_time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
+            pulses_per_revolution: tachometer.pulses_per_revolution,
             shaft: String::new(),
         })
     }
@@ -88,11 +59,11 @@ impl PulseTrain {
     /// Adds one message of this shaft and keeps the latest `max` pulses. Pulses not after the latest one are
     /// skipped; a different number of pulses per turn restarts the train.
     fn take(&mut self, pulses: &Pulses, max: usize) {
-        if pulses.per_revolution != self.per_revolution {
+        if pulses.pulses_per_revolution != self.per_revolution {
             self.time_ns.clear();
-            self.per_revolution = pulses.per_revolution;
+            self.per_revolution = pulses.pulses_per_revolution;
         }
-        for &time in &pulses.time_ns {
+        for &time in &pulses.pulse_time_ns {
             if self.time_ns.back().is_none_or(|last| *last < time) {
                 if self.time_ns.len() >= max {
                     self.time_ns.pop_front();
@@ -123,8 +94,8 @@ impl PulseTrain {
         let first = self.time_ns.partition_point(|time| *time <= start_ns).saturating_sub(1);
         let past = (self.time_ns.partition_point(|time| *time < end_ns) + 1).min(self.time_ns.len());
         (past >= first + 2).then(|| Pulses {
-            time_ns: self.time_ns.range(first..past).copied().collect(),
-            per_revolution: self.per_revolution,
+            pulse_time_ns: self.time_ns.range(first..past).copied().collect(),
+            pulses_per_revolution: self.per_revolution,
             shaft: String::new(),
         })
     }
@@ -178,8 +149,8 @@ mod tests {
         Record::new("1", Timestamp::from_second(start_s).unwrap(), 100.0, "g", vec![0.5; 100]).unwrap()
     }
 
-    fn pulses(time_ns: Vec<i64>) -> Pulses {
-        Pulses { time_ns, per_revolution: 1, shaft: "driving".to_owned() }
+    fn pulses(pulse_time_ns: Vec<i64>) -> Pulses {
+        Pulses { pulse_time_ns, pulses_per_revolution: 1, shaft: "driving".to_owned() }
     }
 
     #[test]
@@ -187,7 +158,8 @@ mod tests {
         let mut train = PulseTrain::default();
         train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()), 100);
         let got = train.during(&second(2)).unwrap();
-        assert_eq!((got.time_ns.len(), got.time_ns[0], got.time_ns[11]), (12, 1_950_000_000, 3_050_000_000));
+        let times = &got.pulse_time_ns;
+        assert_eq!((times.len(), times[0], times[11]), (12, 1_950_000_000, 3_050_000_000));
         let times = got.of(Timestamp::from_second(2).unwrap()).unwrap().pulse_times_s;
         assert!((times[0] + 0.05).abs() < 1e-12 && (times[11] - 1.05).abs() < 1e-12);
         assert!(train.reaches_past(3_900_000_000) && !train.reaches_past(4_000_000_000));
