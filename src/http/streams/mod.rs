@@ -34,7 +34,7 @@ use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::{ServiceError, StreamProgress, StreamSender};
 use crate::store::StoreError;
-use views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
+use views::{KeptView, LevelList, LevelView, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
 
@@ -237,7 +237,7 @@ pub(super) async fn connect(
     params(StreamParameters),
     request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
     responses(
-        (status = 200, body = StreamAnswer),
+        (status = 200, body = StreamProgress),
         (status = 409, description = "The stream has another format, or another connection is sending it"),
     ),
 )]
@@ -249,7 +249,7 @@ pub(super) async fn send(
     caller: Option<Extension<Caller>>,
     headers: HeaderMap,
     body: Body,
-) -> Result<Json<StreamAnswer>, Problem> {
+) -> Result<Json<StreamProgress>, Problem> {
     let media_type = body::media_type(&headers);
     if media_type.as_deref() != Some(RAW) {
         return Err(body::unsupported(media_type.as_deref(), RAW));
@@ -260,8 +260,7 @@ pub(super) async fn send(
         let first = params
             .first_index
             .ok_or_else(|| Problem::query("first_index", "missing", "an index, required with after_gap"))?;
-        let progress = sender.give_up_before(first).await?;
-        gaps.extend(views(&progress));
+        gaps.extend(sender.give_up_before(first).await?.gaps);
     }
     let mut body = BodyChunks {
         source: BodySource::endless(body, &app.limits),
@@ -296,11 +295,10 @@ pub(super) async fn send(
             // the sender's clock determines the time
             chunk.time_ns = None;
         }
-        let progress = sender.take(vec![chunk]).await?;
-        gaps.extend(views(&progress));
+        gaps.extend(sender.take(vec![chunk]).await?.gaps);
         first += frames;
     }
-    Ok(Json(StreamAnswer { next: sender.next(), gaps }))
+    Ok(Json(StreamProgress { next: sender.next(), gaps }))
 }
 
 /// Checks whether a stream may continue, and reloads its record settings.
@@ -312,10 +310,6 @@ async fn refresh(sender: &mut StreamSender) -> Result<(), ServiceError> {
         // the database may be back at the next check; the stream does not wait for it
         _ => Ok(()),
     }
-}
-
-fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {
-    progress.gaps.iter().map(|gap| GapView { first: gap.first, samples: gap.samples })
 }
 
 /// A body in chunks of whole frames.

@@ -58,24 +58,6 @@ pub(crate) struct StreamTachometerView {
     pulses_per_revolution: u32,
 }
 
-/// The result of sending samples.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(crate) struct StreamAnswer {
-    /// Index of the next expected sample: all earlier ones are stored or known to be missing.
-    pub(crate) next: Option<u64>,
-    /// Gaps that were detected.
-    pub(crate) gaps: Vec<GapView>,
-}
-
-/// Missing samples.
-#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
-pub(crate) struct GapView {
-    /// Index of the first missing sample.
-    pub(crate) first: u64,
-    /// Number of missing samples per channel.
-    pub(crate) samples: u64,
-}
-
 /// The streams of an asset.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(crate) struct StreamList {

@@ -30,21 +30,23 @@ const REORDER_S: f64 = 2.0;
 /// Maximum number of bytes of samples in one entry of the journal, which are read back up to 9 MiB.
 const ENTRY_BYTES: usize = 4 << 20;
 
-/// A range of missing samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Missing samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = GapView)]
 pub struct StreamGap {
     /// Index of the first missing sample.
     pub first: u64,
-    /// Number of missing samples.
+    /// Number of missing samples per channel.
     pub samples: u64,
 }
 
-/// The progress of a stream after chunks are stored.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// The result of sending samples.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = StreamAnswer)]
 pub struct StreamProgress {
-    /// Everything before this index is durable or a known gap; `None` before the first sample.
+    /// Index of the next expected sample: all earlier ones are stored or known to be missing.
     pub next: Option<u64>,
-    /// The new gaps.
+    /// Gaps that were detected.
     pub gaps: Vec<StreamGap>,
 }
 
