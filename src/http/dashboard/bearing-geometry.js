@@ -29,7 +29,7 @@ const MAX_ELEMENTS = 1000;
  * The fault orders of a geometry: number of rolling elements, roller and pitch diameter, contact angle in
  * degrees.
  */
-export function ordersOfGeometry({ elements, roller, pitch, contact }) {
+function ordersOfGeometry({ elements, roller, pitch, contact }) {
   const ratio = roller / pitch;
   const reach = ratio * Math.cos((contact * Math.PI) / 180);
   return {

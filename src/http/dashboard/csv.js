@@ -12,7 +12,7 @@ function cell(value) {
  * Columns, each `[heading, values]`, as CSV text. `facts`, each `[name, value]`, are comment lines before the
  * header, which spreadsheets show and readers skip (`comment="#"`).
  */
-export function csvText(columns, facts = []) {
+function csvText(columns, facts = []) {
   const rows = Math.max(0, ...columns.map(([, values]) => values.length));
   const lines = facts.map(([name, value]) => `# ${name}: ${String(value).replaceAll(/\s+/g, " ")}`);
   lines.push(columns.map(([heading]) => cell(heading)).join(","));

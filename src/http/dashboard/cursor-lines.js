@@ -12,7 +12,7 @@ const BEARING_HARMONICS = 3;
  * Parses a cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none.
  * @returns {Cursor | null}
  */
-export function parseCursor(text) {
+function parseCursor(text) {
   const [kind, first, second] = (text ?? "").split("~");
   const [base, spacing] = [Number(first), Number(second)];
   if (kind === "h" && base > 0) return { kind, base };

@@ -4,7 +4,7 @@ const NAME =
   /(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?:[T _.-]*([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d)(?:[.,_](\d{1,6}))?)?)?(?!\d)/;
 
 /** The time in a file's name, read as UTC, as an ISO time; null when there is none. */
-export function startInName(name) {
+function startInName(name) {
   const [, ...parts] = NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
   if (parts.length === 0) return null;
   const [year, month, day, hour, minute, second] = parts.slice(0, 6).map((part) => Number(part ?? 0));

@@ -12,7 +12,7 @@ const COUNTS = [5, 10, 20, 50];
 const COUNT = 10;
 
 /** The number of lines set in an address. */
-export const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number(peaks) : COUNT);
+const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number(peaks) : COUNT);
 
 /**
  * The peaks of every record in a part, `{ layer, x, amplitude, level_db }`, with the level relative to the
@@ -21,7 +21,7 @@ export const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number
  * @param {number[]} part
  * @param {number} count
  */
-export function peaksOf(layers, part, count) {
+function peaksOf(layers, part, count) {
   const rows = layers.map((layer) => {
     const peaks = greatestPeaks(layer.data, part, count);
     return peaks?.map(({ x, amplitude }) => {

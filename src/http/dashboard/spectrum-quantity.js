@@ -39,7 +39,7 @@ export function quantityOf({ quantity, cut }) {
 }
 
 /** Whether samples of a unit can be converted to another quantity. */
-export const isConvertible = (unitName) => unitName in UNITS;
+const isConvertible = (unitName) => unitName in UNITS;
 
 /** Request parameters that convert a waveform to the quantity of an address. */
 export function motionOf(query, unitName) {

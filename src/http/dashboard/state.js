@@ -210,7 +210,7 @@ function outlook(wear, limits) {
 const AGED = 0.1; // age of the last record, as a fraction of the remaining time, above which time is counted from it and not from now
 
 /** The strongest line of a record's envelope, as a sentence; empty when none stands out. */
-export function envelopeWords(line) {
+function envelopeWords(line) {
   if (!line) return "";
   const { frequency_hz: frequency, to_background: ratio, source } = line;
   const of =
