@@ -124,14 +124,8 @@ impl<T: Float> Transforms<T> {
     pub(super) fn complex(&mut self, values: &mut [Complex<T>], direction: FftDirection) {
         let matches =
             |plan: &Arc<dyn Fft<T>>| plan.len() == values.len() && plan.fft_direction() == direction;
-        match self.complex.iter().position(matches) {
-            Some(index) => self.complex[..=index].rotate_right(1),
-            None => {
-                self.complex.truncate(2 * self.max_plans - 1);
-                self.complex.insert(0, T::complex_plan(values.len(), direction));
-            }
-        }
-        let plan = &self.complex[0];
+        let make = || T::complex_plan(values.len(), direction);
+        let plan = newest(&mut self.complex, 2 * self.max_plans, matches, make);
         grow(&mut self.scratch, plan.get_inplace_scratch_len());
         plan.process_with_scratch(values, &mut self.scratch);
     }
@@ -139,14 +133,8 @@ impl<T: Float> Transforms<T> {
     /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
     pub(super) fn forward(&mut self, input: &mut [T], output: &mut Vec<Complex<T>>) {
         let length = input.len();
-        match self.forward.iter().position(|plan| plan.len() == length) {
-            Some(index) => self.forward[..=index].rotate_right(1),
-            None => {
-                self.forward.truncate(self.max_plans - 1);
-                self.forward.insert(0, T::forward_plan(length));
-            }
-        }
-        let plan = &self.forward[0];
+        let matches = |plan: &Arc<dyn RealToComplex<T>>| plan.len() == length;
+        let plan = newest(&mut self.forward, self.max_plans, matches, || T::forward_plan(length));
         output.resize(length / 2 + 1, Complex::default());
         grow(&mut self.scratch, plan.get_scratch_len());
         plan.process_with_scratch(input, output, &mut self.scratch)
@@ -157,18 +145,25 @@ impl<T: Float> Transforms<T> {
     /// `input` is overwritten; its bin 0 and, where there is one, the bin at half the sampling rate are real.
     pub(super) fn inverse(&mut self, input: &mut [Complex<T>], output: &mut [T]) {
         let length = output.len();
-        match self.inverse.iter().position(|plan| plan.len() == length) {
-            Some(index) => self.inverse[..=index].rotate_right(1),
-            None => {
-                self.inverse.truncate(self.max_plans - 1);
-                self.inverse.insert(0, T::inverse_plan(length));
-            }
-        }
-        let plan = &self.inverse[0];
+        let matches = |plan: &Arc<dyn ComplexToReal<T>>| plan.len() == length;
+        let plan = newest(&mut self.inverse, self.max_plans, matches, || T::inverse_plan(length));
         grow(&mut self.scratch, plan.get_scratch_len());
         plan.process_with_scratch(input, output, &mut self.scratch)
             .expect("input, output and scratch have the plan's lengths, and the end bins are real");
     }
+}
+
+/// Moves the matching plan of a list to its front, or makes it in place of the one least recently used, if the
+/// list has `most` plans.
+fn newest<P>(plans: &mut Vec<P>, most: usize, matches: impl Fn(&P) -> bool, make: impl FnOnce() -> P) -> &P {
+    match plans.iter().position(matches) {
+        Some(index) => plans[..=index].rotate_right(1),
+        None => {
+            plans.truncate(most - 1);
+            plans.insert(0, make());
+        }
+    }
+    &plans[0]
 }
 
 fn grow<T: Float>(scratch: &mut Vec<Complex<T>>, length: usize) {
