@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::program::Program;
-use crate::running::plain_asset;
+use crate::running::asset_with_pair;
 
 /// Default number of rounds; a hundred take minutes.
 const ROUNDS: u32 = 4;
@@ -59,16 +59,6 @@ fn verified(folder: &Path) -> String {
     String::from_utf8(output.stdout).unwrap() + &String::from_utf8_lossy(&output.stderr)
 }
 
-fn asset_with_pair(id: &str) -> Value {
-    let mut asset = plain_asset(id);
-    asset["gear"]["pair"] = json!({
-        "name": "test pair",
-        "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": 20.0, "bore_radius_mm": [15.0, 30.0] },
-        "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
-    });
-    asset
-}
-
 #[test]
 fn acknowledged_records_survive_kills_at_random_moments() {
     let rounds = std::env::var("FLANKWATCH_KILL_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap());
@@ -79,7 +69,7 @@ fn acknowledged_records_survive_kills_at_random_moments() {
     let (mut unacknowledged, mut repaired) = (0, 0);
     let first = Program::start(folder.path());
     for asset in ["killed", "undisturbed"] {
-        first.make(&asset_with_pair(asset));
+        first.make(&asset_with_pair(asset, 20.0));
     }
     let began = Instant::now();
     while first.get("/v1/assets/killed")["summary"]["library_state"] != "ready" {

@@ -10,18 +10,7 @@ use flankwatch::gear::PairSpec;
 use flankwatch::library::{EnsembleSettings, GridSettings, library_id};
 use serde_json::{Value, json};
 
-use crate::running::{Service, plain_asset, record};
-
-/// Describes an asset with a small pair, made unique among the tests by its tooth width.
-fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
-    let mut asset = plain_asset(id);
-    asset["gear"]["pair"] = json!({
-        "name": "test pair",
-        "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": face_width_mm, "bore_radius_mm": [15.0, 30.0] },
-        "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
-    });
-    asset
-}
+use crate::running::{Service, asset_with_pair, plain_asset, record};
 
 /// Returns the path of an asset's library.
 fn library_path(service: &Service, asset: &Value) -> PathBuf {

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use crate::alarms::loud;
-use crate::running::{Service, minute, plain_asset, record};
+use crate::running::{Service, asset_with_pair, minute, plain_asset, record};
 
 /// Returns all values of all records, which show any dependence on the order.
 fn history(service: &Service, asset: &str) -> Value {
@@ -19,28 +19,11 @@ fn history(service: &Service, asset: &str) -> Value {
     history
 }
 
-/// Describes an asset with a small pair and its library.
-fn asset_with_pair(id: &str) -> Value {
-    json!({
-        "id": id,
-        "gear": {
-            "teeth": [31, 62],
-            "shaft_speed_hz": 10.0,
-            "pair": {
-                "name": "test pair",
-                "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": 20.0, "bore_radius_mm": [15.0, 30.0] },
-                "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
-            },
-        },
-        "baseline": { "records": 8 },
-    })
-}
-
 #[test]
 fn late_records_give_the_same_history_as_records_in_order() {
     let service = Service::start();
     for id in ["in-order", "shuffled", "backwards"] {
-        service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
+        service.post_json("/v1/assets", &asset_with_pair(id, 20.0)).expect(201);
     }
     service.wait_for("/v1/assets/in-order", |asset| asset["summary"]["library_state"] == "ready");
     for n in 0..14 {
@@ -71,13 +54,13 @@ fn late_records_give_the_same_history_as_records_in_order() {
 fn a_changed_baseline_recomputes_the_history() {
     let service = Service::start();
     for id in ["changed", "from-the-start"] {
-        service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
+        service.post_json("/v1/assets", &asset_with_pair(id, 20.0)).expect(201);
     }
     service.wait_for("/v1/assets/changed", |asset| asset["summary"]["library_state"] == "ready");
     for n in 0..14 {
         service.upload("changed", &record("1", n));
     }
-    let mut description = asset_with_pair("from-the-start");
+    let mut description = asset_with_pair("from-the-start", 20.0);
     description["baseline"]["records"] = json!(11);
     service.put_json("/v1/assets/from-the-start", &description).expect(200);
     for n in 0..14 {
@@ -94,7 +77,7 @@ fn a_changed_baseline_recomputes_the_history() {
 #[test]
 fn the_sparkline_of_an_asset_follows_its_history() {
     let service = Service::start();
-    service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201);
+    service.post_json("/v1/assets", &asset_with_pair("pump", 20.0)).expect(201);
     service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     let look = |picks: &[usize]| {
         let history = history(&service, "pump");
@@ -123,7 +106,7 @@ fn the_sparkline_of_an_asset_follows_its_history() {
 #[test]
 fn the_library_of_an_asset_is_shown() {
     let service = Service::start();
-    let asset = service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201).json();
+    let asset = service.post_json("/v1/assets", &asset_with_pair("pump", 20.0)).expect(201).json();
     let id = asset["summary"]["library_id"].as_str().unwrap().to_string();
     service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     let list = service.get("/v1/libraries").expect(200).json();

@@ -260,6 +260,17 @@ pub(crate) fn plain_asset(id: &str) -> Value {
     })
 }
 
+/// Returns the description of an asset with a small pair, whose face width tells it from those of other tests.
+pub(crate) fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
+    let mut asset = plain_asset(id);
+    asset["gear"]["pair"] = json!({
+        "name": "test pair",
+        "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": face_width_mm, "bore_radius_mm": [15.0, 30.0] },
+        "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
+    });
+    asset
+}
+
 /// Returns the time `n` minutes after 2026-01-01T00:00:00Z.
 pub(crate) fn minute(n: i64) -> Timestamp {
     let start: Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
