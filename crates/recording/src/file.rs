@@ -10,6 +10,7 @@ use flate2::read::MultiGzDecoder;
 use jiff::Timestamp;
 
 use super::mat::MAX_BYTES;
+use super::mat_variables::invalid;
 use super::{
     BlockEncoding, CsvFrames, CsvTiming, Cut, FlacFrames, Format, Frames, FramesInfo, MatFrames, McapReader,
     NpyFrames, RecordBlocks, RecordDefaults, Recorded, RecordingError, TimedCsvFrames, WavFrames,
@@ -242,12 +243,8 @@ impl OpenFile {
 /// Rejects a MATLAB file that is too large for memory.
 fn check_mat_size(bytes: u64) -> Result<(), RecordingError> {
     if bytes > MAX_BYTES {
-        return Err(RecordingError::Content {
-            format: "mat",
-            field: "size",
-            value: format!("{bytes} bytes"),
-            expected: format!("at most {MAX_BYTES} bytes: split the file into several").into(),
-        });
+        let expected = format!("at most {MAX_BYTES} bytes: split the file into several");
+        return Err(invalid("size", format!("{bytes} bytes"), expected));
     }
     Ok(())
 }

@@ -5,7 +5,7 @@
 //! defaults converts the numbers to a unit; the start time is that of the defaults.
 
 use super::error::shortened;
-use super::mat_variables::{Variable, variables};
+use super::mat_variables::{Variable, invalid, variables};
 use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
@@ -77,7 +77,7 @@ impl MatFrames {
             let names: Vec<&str> = variables.iter().map(|variable| variable.name.as_str()).collect();
             let expected =
                 "an array of real numbers; text, cells, sparse and complex arrays are not supported";
-            return Err(mat("variables", format!("{:?}", shortened(&names.join(", "))), expected));
+            return Err(invalid("variables", format!("{:?}", shortened(&names.join(", "))), expected));
         }
         let stated_rate_hz = scalar(&variables, &RATES)
             .or_else(|| scalar(&variables, &INTERVALS).map(|seconds| 1.0 / seconds))
@@ -99,7 +99,7 @@ impl MatFrames {
             }));
         }
         if channels.is_empty() || channels.len() > MAX_CHANNELS {
-            return Err(mat("channels", channels.len(), "1 to 256 besides the times"));
+            return Err(invalid("channels", channels.len(), "1 to 256 besides the times"));
         }
         Ok(Self { variables, channels, frames, stated_rate_hz, clock_rate_hz, next: 0 })
     }
@@ -182,7 +182,7 @@ fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
     let last = times.len() - 1;
     let step = (times.value(last) - times.value(0)) / last as f64;
     if step.is_nan() || step <= 0.0 {
-        return Err(mat("time", format!("{step} s from sample to sample"), "ascending times in seconds"));
+        return Err(invalid("time", format!("{step} s from sample to sample"), "ascending times in seconds"));
     }
     let uneven = (1..=last).find(|&k| {
         let off = (times.value(k) - times.value(k - 1) - step).abs();
@@ -190,13 +190,9 @@ fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
     });
     if let Some(at) = uneven {
         let value = format!("{:?} s at {} after {:?} s", times.value(at), at + 1, times.value(at - 1));
-        return Err(mat("time", value, "times with a constant step"));
+        return Err(invalid("time", value, "times with a constant step"));
     }
     let rate = 1.0 / step;
     let whole = rate.round();
     Ok(if whole >= 1.0 && (rate / whole - 1.0).abs() < 1e-6 { whole } else { rate })
-}
-
-fn mat(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "mat", field, value: value.to_string(), expected: expected.into() }
 }

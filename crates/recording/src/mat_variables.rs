@@ -69,8 +69,8 @@ pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, R
     let big_endian = match bytes.get(HEADER - 2..HEADER) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        Some(other) => return Err(damaged("byte order", format!("{other:02x?}"), "IM or MI")),
-        None => return Err(damaged("header", format!("{} bytes long", bytes.len()), "128 bytes")),
+        Some(other) => return Err(invalid("byte order", format!("{other:02x?}"), "IM or MI")),
+        None => return Err(invalid("header", format!("{} bytes long", bytes.len()), "128 bytes")),
     };
     let mut reader = Variables { big_endian, bytes: 0, max_bytes, found: Vec::new(), count: 0 };
     let mut elements = Elements { bytes: &bytes[HEADER..], big_endian };
@@ -103,7 +103,7 @@ impl Variables {
     fn inflate<'a>(&mut self, data: &'a [u8]) -> Result<Cow<'a, [u8]>, RecordingError> {
         let mut inflated = Vec::new();
         let read = ZlibDecoder::new(data).take(self.max_bytes - self.bytes + 1).read_to_end(&mut inflated);
-        read.map_err(|error| damaged("compressed variable", error, "whole zlib data"))?;
+        read.map_err(|error| invalid("compressed variable", error, "whole zlib data"))?;
         self.take(inflated.len())?;
         Ok(Cow::Owned(inflated))
     }
@@ -112,7 +112,7 @@ impl Variables {
         self.bytes += bytes as u64;
         if self.bytes > self.max_bytes {
             let expected = format!("at most {} bytes: split the file into several", self.max_bytes);
-            return Err(damaged("size of the variables", format!("{} bytes or more", self.bytes), expected));
+            return Err(invalid("size of the variables", format!("{} bytes or more", self.bytes), expected));
         }
         Ok(())
     }
@@ -121,15 +121,15 @@ impl Variables {
     fn add(&mut self, data: &[u8], within: &str, depth: usize) -> Result<(), RecordingError> {
         self.count += 1;
         if self.count > MAX_VARIABLES {
-            return Err(damaged("number of variables", format!("{} or more", self.count), "at most 4096"));
+            return Err(invalid("number of variables", format!("{} or more", self.count), "at most 4096"));
         }
         if depth > MAX_DEPTH {
-            return Err(damaged("depth of structs", depth, "at most 8"));
+            return Err(invalid("depth of structs", depth, "at most 8"));
         }
         let mut parts = Elements { bytes: data, big_endian: self.big_endian };
         // An array without content, as a field may be.
         let Some((_, flags)) = parts.next()? else { return Ok(()) };
-        let flags = self.words(flags).next().ok_or_else(|| damaged("flags", "missing", "8 bytes"))?;
+        let flags = self.words(flags).next().ok_or_else(|| invalid("flags", "missing", "8 bytes"))?;
         let class = flags as u8;
         if class != STRUCT && !NUMERIC.contains(&class) || flags & COMPLEX != 0 {
             return Ok(());
@@ -142,12 +142,12 @@ impl Variables {
             return if (rows, columns) == (1, 1) { self.add_fields(parts, &name, depth) } else { Ok(()) };
         }
         let (kind, data) = parts.part("numbers")?;
-        let number = number(kind).ok_or_else(|| damaged("type of numbers", kind, "one of 1 to 13"))?;
+        let number = number(kind).ok_or_else(|| invalid("type of numbers", kind, "one of 1 to 13"))?;
         let bytes = rows.checked_mul(columns).and_then(|count| count.checked_mul(number.bytes()));
         if bytes != Some(data.len()) {
             let value =
                 format!("{rows} × {columns} numbers of {:?} in {} bytes", shortened(&name), data.len());
-            return Err(damaged("shape", value, format!("{} bytes for each number", number.bytes())));
+            return Err(invalid("shape", value, format!("{} bytes for each number", number.bytes())));
         }
         self.take(data.len())?;
         let big_endian = self.big_endian;
@@ -200,7 +200,7 @@ impl<'a> Elements<'a> {
         let Some((tag, rest)) = self.bytes.split_at_checked(8) else {
             let rest = std::mem::take(&mut self.bytes);
             if rest.iter().any(|byte| *byte != 0) {
-                return Err(damaged(
+                return Err(invalid(
                     "end",
                     format!("{} bytes of a variable", rest.len()),
                     "a whole variable",
@@ -212,14 +212,14 @@ impl<'a> Elements<'a> {
         // Up to 4 bytes of data are stored within the tag.
         if first >> 16 != 0 {
             let length = (first >> 16) as usize;
-            let data = tag.get(4..4 + length).ok_or_else(|| damaged("length", length, "at most 4"))?;
+            let data = tag.get(4..4 + length).ok_or_else(|| invalid("length", length, "at most 4"))?;
             self.bytes = rest;
             return Ok(Some((first & 0xffff, data)));
         }
         let length = word_of(&tag[4..], self.big_endian) as usize;
         let (data, rest) = rest.split_at_checked(length).ok_or_else(|| {
             let expected = "as many bytes as the file holds";
-            damaged("length", format!("{length}, but {} are there", rest.len()), expected)
+            invalid("length", format!("{length}, but {} are there", rest.len()), expected)
         })?;
         let padding = if first == COMPRESSED { 0 } else { length.next_multiple_of(8) - length };
         self.bytes = rest.get(padding..).unwrap_or_default();
@@ -228,7 +228,7 @@ impl<'a> Elements<'a> {
 
     /// Returns type and data of the next element, which must exist.
     fn part(&mut self, what: &'static str) -> Result<(u32, &'a [u8]), RecordingError> {
-        self.next()?.ok_or_else(|| damaged(what, "missing", "a part of every variable"))
+        self.next()?.ok_or_else(|| invalid(what, "missing", "a part of every variable"))
     }
 }
 
@@ -248,7 +248,8 @@ fn number(kind: u32) -> Option<Number> {
     })
 }
 
-fn damaged(
+/// Creates the error for an invalid part of a MATLAB file.
+pub(super) fn invalid(
     field: &'static str,
     value: impl ToString,
     expected: impl Into<Cow<'static, str>>,
