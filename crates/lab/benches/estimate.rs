@@ -1,7 +1,7 @@
 //! Benchmark of updating one asset's estimate with one record, comparing all members of the ensemble.
 //!
 //! `cargo bench -p flankwatch-lab --bench estimate`. Prints the time itself and in relation to computing the
-//! record's features in the same process.
+//! record's features in the same process, and the largest size of the channel's state as JSON.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -62,11 +62,25 @@ fn main() {
         given.as_secs_f64() / reading.as_secs_f64(),
         not_given.as_secs_f64() / reading.as_secs_f64()
     );
+    println!("state of a channel: {} kB at most", largest_state(&tracker, &run).div_ceil(1000));
+}
+
+/// Largest size of the state as JSON, in bytes.
+fn largest_state(tracker: &Tracker, run: &[Observation]) -> usize {
+    let mut state = tracker.start();
+    let size = |(index, observation): (usize, &Observation)| {
+        tracker.update(&mut state, at(index), &observation.features);
+        serde_json::to_string(&state).expect("a state is valid JSON").len()
+    };
+    run.iter().enumerate().map(size).max().unwrap_or_default()
+}
+
+fn at(index: usize) -> Timestamp {
+    Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64)
 }
 
 /// Mean time of an update, the best of some runs.
 fn update(tracker: &Tracker, run: &[Observation]) -> Duration {
-    let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);
     let once = |_| {
         let mut state = tracker.start();
         let mut took = Duration::ZERO;

@@ -39,7 +39,7 @@ pub fn leave_one_out(
     plan: LeftOutRun,
 ) -> Vec<(RecordedRun, Arc<Ensemble>)> {
     let variants = ensemble.variants();
-    let groups = ensemble.members().len() / variants;
+    let groups = ensemble.groups();
     let count = count.min(groups.saturating_sub(1));
     let run = |index: usize| {
         let group = index * groups / count;

@@ -1,6 +1,6 @@
 //! Model discrepancy: the error of an ensemble's members with respect to a real machine.
 
-use crate::library::{DEPTHS, Ensemble, LANES, Lanes, MESH_LINES};
+use crate::library::{DEPTHS, Ensemble, Lanes, MESH_LINES};
 
 /// Standard deviation of a member's error in a line's change. It grows from 0 without wear towards this value
 /// where the shape of the wear is not known, ...
@@ -34,7 +34,7 @@ impl Discrepancy {
         };
         let of_cell = |block: usize, depth: usize, lane: usize| {
             let known = (0..MESH_LINES)
-                .map(|line| f64::from(ensemble.changes_side_by_side(block, line)[depth][lane]))
+                .map(|line| f64::from(ensemble.changes_side_by_side(block)[depth][line][lane]))
                 .filter(|change| change.is_finite());
             let (count, square) =
                 known.fold((0.0, 0.0), |(count, sum), change| (count + 1.0, sum + change * change));
@@ -44,7 +44,7 @@ impl Discrepancy {
         let of_block = |block| -> [Lanes; DEPTHS] {
             std::array::from_fn(|depth| std::array::from_fn(|lane| of_cell(block, depth, lane)))
         };
-        let variance = (0..ensemble.members().len().div_ceil(LANES)).map(of_block).collect();
+        let variance = (0..ensemble.blocks()).map(of_block).collect();
         Self { most, variance }
     }
 }

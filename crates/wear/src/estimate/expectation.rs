@@ -6,7 +6,7 @@ use super::discrepancy::Discrepancy;
 use super::extrapolation::Extrapolation;
 use super::load::Load;
 use super::measured_lines::{MeasuredLine, MeasuredLines};
-use crate::library::{DEPTHS, Ensemble, LANES, Lanes, REPORTED, line_name};
+use crate::library::{DEPTHS, DepthChanges, Ensemble, LANES, Lanes, REPORTED, line_name};
 
 /// Standard deviation of the torque scaling's error, as a part of its effect: pairs simulated at 0.5 to 2
 /// times their torque give 0.3 to 1, the largest where wear is shallow.
@@ -40,7 +40,9 @@ pub(super) struct Expectations<'a> {
 
 /// Expectations of a block of members side by side.
 pub(super) struct Block<'a> {
-    lines: Vec<BlockLine<'a>>,
+    /// Changes by depth and line.
+    changes: &'a [DepthChanges; DEPTHS],
+    lines: Vec<BlockLine>,
     variance: &'a [Lanes; DEPTHS],
     variance_factor: f32,
     load: Option<&'a Load>,
@@ -49,9 +51,9 @@ pub(super) struct Block<'a> {
 }
 
 /// One line of a block of members.
-struct BlockLine<'a> {
-    /// Change by depth.
-    changes: &'a [Lanes; DEPTHS],
+struct BlockLine {
+    /// Index of the line (0 is the first mesh harmonic).
+    index: usize,
     /// Change at the depth of the baseline.
     reference: Lanes,
     /// Least change that can be seen above the noise.
@@ -87,16 +89,16 @@ impl<'a> Expectations<'a> {
         &self.lines
     }
 
-    /// Number of members.
-    pub(super) fn members(&self) -> usize {
-        self.ensemble.members().len()
+    pub(super) fn ensemble(&self) -> &Ensemble {
+        self.ensemble
     }
 
     /// Returns the deviation of each line from its expectation for a member at a depth.
     pub(super) fn deviations(&self, (member, depth): (usize, usize)) -> Vec<Deviation> {
-        let (block, lane) = (self.block(member / LANES), member % LANES);
+        let (block, lane) = self.ensemble.place_of(member);
+        let block = self.block(block);
         let deviation = |(index, line): (usize, &&MeasuredLine)| {
-            let [expected, variance] = block.expect(index, depth, &block.own_variance(depth));
+            let [expected, variance] = block.expect::<true, true>(index, depth, &block.own_variance(depth));
             let residual = line.change - f64::from(expected[lane]);
             residual.is_finite().then(|| Deviation {
                 name: line_name(line.index),
@@ -110,10 +112,11 @@ impl<'a> Expectations<'a> {
     /// Returns the expectations of block number `index` of the members.
     pub(super) fn block(&self, index: usize) -> Block<'_> {
         let members = self.ensemble.members();
-        let member = |lane: usize| (index * LANES + lane).min(members.len() - 1);
+        let member = |lane: usize| self.ensemble.member_in(index, lane);
+        let changes = self.ensemble.changes_side_by_side(index);
         let line = |line: &&MeasuredLine| {
-            let changes = self.ensemble.changes_side_by_side(index, line.index);
-            let of = |depths: &[u8], lane: usize| changes[usize::from(depths[member(lane)])][lane];
+            let of =
+                |depths: &[u8], lane: usize| changes[usize::from(depths[member(lane)])][line.index][lane];
             let reference =
                 self.reference.depths.map_or([0.0; LANES], |depths| lanes(|lane| of(depths, lane)));
             let floor = line.floor as f32;
@@ -121,7 +124,7 @@ impl<'a> Expectations<'a> {
             let error = seen.map(|(anchor, seen)| {
                 lanes(|lane| seen - (of(&anchor.depths, lane) - reference[lane]).max(floor))
             });
-            BlockLine { changes, reference, floor, error }
+            BlockLine { index: line.index, reference, floor, error }
         };
         let correlation = |anchor: &Anchor| {
             let end_um = self.depths_um[REPORTED - 1];
@@ -131,6 +134,7 @@ impl<'a> Expectations<'a> {
             self.depths_um.iter().map(at_depth).collect()
         };
         Block {
+            changes,
             lines: self.lines.iter().map(line).collect(),
             variance: &self.variance[index],
             variance_factor: self.variance_factor,
@@ -141,6 +145,16 @@ impl<'a> Expectations<'a> {
 }
 
 impl Block<'_> {
+    /// Whether the record's torque is not the described one.
+    pub(super) fn is_loaded(&self) -> bool {
+        self.load.is_some()
+    }
+
+    /// Whether there was an inspection.
+    pub(super) fn is_anchored(&self) -> bool {
+        self.correlation.is_some()
+    }
+
     /// Returns the variance of each member's own error at a depth, the same for all lines.
     #[inline(always)]
     pub(super) fn own_variance(&self, depth: usize) -> Lanes {
@@ -148,27 +162,34 @@ impl Block<'_> {
     }
 
     /// Returns the expected change of a line at a depth for each member, and its variance, from the variance
-    /// of each member's own error there.
+    /// of each member's own error there. `LOADED` and `ANCHORED` are false where the block is not: without
+    /// these terms the loop over lines is short.
     #[inline(always)]
-    pub(super) fn expect(&self, line: usize, depth: usize, own_variance: &Lanes) -> [Lanes; 2] {
-        let BlockLine { changes, reference, floor, error } = &self.lines[line];
-        let (mut expected, mut variance) = (changes[depth], *own_variance);
+    pub(super) fn expect<const LOADED: bool, const ANCHORED: bool>(
+        &self,
+        line: usize,
+        depth: usize,
+        own_variance: &Lanes,
+    ) -> [Lanes; 2] {
+        let BlockLine { index, reference, floor, error } = &self.lines[line];
+        let at = |depth: usize| &self.changes[depth][*index];
+        let (mut expected, mut variance) = (*at(depth), *own_variance);
         for lane in 0..LANES {
             let change = expected[lane] - reference[lane];
             // In place of `max`, which takes three instructions.
             expected[lane] = if change > *floor { change } else { *floor };
         }
-        if let Some(load) = self.load {
+        if LOADED && let Some(load) = self.load {
             let (lower, part) = load.place(depth);
-            let [before, after] = [&changes[lower], &changes[lower + 1]];
+            let [before, after] = [at(lower), at(lower + 1)];
             for lane in 0..LANES {
-                let shift = before[lane] + part * (after[lane] - before[lane]) - changes[depth][lane];
+                let shift = before[lane] + part * (after[lane] - before[lane]) - at(depth)[lane];
                 let deviation = LOAD_DISCREPANCY * shift;
                 expected[lane] += shift;
                 variance[lane] += deviation * deviation;
             }
         }
-        if let (Some(error), Some(correlation)) = (error, &self.correlation) {
+        if ANCHORED && let (Some(error), Some(correlation)) = (error, &self.correlation) {
             let correlation = &correlation[depth];
             for lane in 0..LANES {
                 expected[lane] += correlation[lane] * error[lane];

@@ -10,10 +10,10 @@ use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 use super::exponential::exp;
-use super::growth::{Elapsed, Growth, PRIOR, RATES};
+use super::growth::{ByDepth, ByRate, Elapsed, Growth, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use super::packed::Packed;
-use crate::library::{DEPTHS, REPORTED, end_um};
+use crate::library::{DEPTHS, LANES, Lanes, REPORTED, end_um};
 
 /// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
@@ -34,19 +34,21 @@ const FORGOTTEN: f32 = 0.003;
 /// Prior mean of the depth at the end of a new machine's baseline, in parts of the library's end.
 const BEGINNING_PART: f64 = 0.006;
 
-/// Number of cells of one group.
-const BLOCK: usize = RATES * DEPTHS;
+/// Probabilities by depth of a block of groups of members.
+type Depths = ByDepth<LANES>;
 
-/// Numbers by depth.
-type Row = [f32; DEPTHS];
+/// The same by rate.
+type Block = ByRate<LANES>;
 
 /// The filter's state, packed to 16 bits per cell. Members of one group share the probability of rate and
-/// depth; each has a part of the group.
+/// depth; each has a part of the group. Groups are in blocks, as the ensemble has them, and unused lanes of
+/// the last block have no probability.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Filter {
-    /// By group, rate and depth.
+    groups: usize,
+    /// By block, rate, depth and group.
     cells: Packed,
-    /// By member: its part of its group.
+    /// By block, variant and group: the member's part of its group.
     parts: Packed,
     /// Probability without any record, by rate and depth.
     prior: Vec<f32>,
@@ -54,7 +56,8 @@ pub(super) struct Filter {
 
 /// The posterior after a record.
 pub(super) struct JointPosterior {
-    /// By group of members and depth; the sum is 1.
+    groups: usize,
+    /// By block of groups, depth and group; the sum is 1.
     pub(super) joint: Vec<f32>,
     /// By rate and depth; the sum is 1.
     pub(super) by_rate: Vec<f32>,
@@ -63,10 +66,12 @@ pub(super) struct JointPosterior {
 impl JointPosterior {
     /// Mixes in depths by their probability, without growth, with a weight.
     pub(super) fn or_depths(mut self, by_depth: &[f32], weight: f32) -> Self {
-        let groups = (self.joint.len() / DEPTHS).max(1) as f32;
         self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - weight);
-        for row in self.joint.chunks_exact_mut(DEPTHS) {
-            row.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight / groups * depth);
+        let each = weight / self.groups as f32;
+        for (block, rows) in depths_of(&mut self.joint).iter_mut().enumerate() {
+            for (row, depth) in rows.iter_mut().zip(by_depth) {
+                row[..lanes_in(self.groups, block)].iter_mut().for_each(|p| *p += each * depth);
+            }
         }
         // The first rate is that of no growth.
         self.by_rate.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight * depth);
@@ -75,9 +80,13 @@ impl JointPosterior {
 
     /// Rescales the groups of members to given probabilities.
     pub(super) fn with_groups(mut self, groups: &[f32]) -> Self {
-        for (row, group) in self.joint.chunks_exact_mut(DEPTHS).zip(groups) {
-            let scale = group / sum(row).max(f32::MIN_POSITIVE);
-            row.iter_mut().for_each(|p| *p *= scale);
+        for (rows, groups) in depths_of(&mut self.joint).iter_mut().zip(groups.chunks(LANES)) {
+            let totals = by_lane(rows);
+            for row in rows {
+                for ((p, total), group) in row.iter_mut().zip(totals).zip(groups) {
+                    *p *= group / total.max(f32::MIN_POSITIVE);
+                }
+            }
         }
         normalise(&mut self.joint);
         self
@@ -86,8 +95,8 @@ impl JointPosterior {
     /// Returns the probability by reported depth. The last one has that of all greater depths too.
     pub(super) fn by_depth(&self) -> Vec<f64> {
         let mut total = vec![0.0; DEPTHS];
-        for row in self.joint.chunks_exact(DEPTHS) {
-            total.iter_mut().zip(row).for_each(|(total, p)| *total += f64::from(*p));
+        for (index, row) in self.joint.as_chunks::<LANES>().0.iter().enumerate() {
+            total[index % DEPTHS] += f64::from(sum(row));
         }
         let beyond: f64 = total.drain(REPORTED..).sum();
         total[REPORTED - 1] += beyond;
@@ -96,8 +105,8 @@ impl JointPosterior {
 }
 
 impl Filter {
-    /// Creates the filter at the end of a new machine's baseline, for members in groups of `variants`.
-    pub(super) fn start(depths_um: &[f64], members: usize, variants: usize) -> Self {
+    /// Creates the filter at the end of a new machine's baseline, for groups of `variants` members.
+    pub(super) fn start(depths_um: &[f64], groups: usize, variants: usize) -> Self {
         let beginning_um = BEGINNING_PART * end_um(depths_um);
         let near = |um: &f64| (-um / beginning_um.max(f64::MIN_POSITIVE)).exp() as f32;
         let widths = depths_um
@@ -109,18 +118,27 @@ impl Filter {
         let total: f32 = depths.iter().sum();
         let prior: Vec<f32> =
             PRIOR.iter().flat_map(|rate| depths.iter().map(move |p| rate * p / total)).collect();
+        let blocks = groups.div_ceil(LANES);
+        let of_block = |block: usize| {
+            let used = lanes_in(groups, block);
+            prior.iter().flat_map(move |p| (0..LANES).map(move |lane| if lane < used { *p } else { 0.0 }))
+        };
+        let cells: Vec<f32> = (0..blocks).flat_map(of_block).collect();
         Self {
-            cells: Packed::of(&prior.repeat(members / variants)),
-            parts: Packed::of(&vec![1.0; members]),
+            groups,
+            cells: Packed::of(&cells),
+            parts: Packed::of(&vec![1.0; blocks * variants * LANES]),
             prior,
         }
     }
 
     /// Whether the filter has this number of members in groups of `variants`.
     pub(super) fn fits(&self, members: usize, variants: usize) -> bool {
-        self.cells.len() == members / variants * BLOCK
-            && self.parts.len() == members
-            && self.prior.len() == BLOCK
+        let blocks = self.groups.div_ceil(LANES);
+        self.groups * variants == members
+            && self.cells.len() == blocks * RATES * DEPTHS * LANES
+            && self.parts.len() == blocks * variants * LANES
+            && self.prior.len() == RATES * DEPTHS
     }
 
     /// Lets wear grow, then updates with one record, which may follow an inspection.
@@ -132,7 +150,7 @@ impl Filter {
         is_inspected: bool,
     ) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
-        growth.advance(&mut self.prior, elapsed);
+        growth.advance(self.prior.as_chunks_mut::<1>().0.as_chunks_mut().0.as_chunks_mut().0, elapsed);
         normalise(&mut self.prior);
         let units = (elapsed.units as f32).min(1.0);
         let carried = if is_inspected { CARRIED_AFTER_INSPECTION } else { CARRIED };
@@ -141,6 +159,7 @@ impl Filter {
             elapsed,
             carried: carried * units,
             forgotten: FORGOTTEN * units,
+            groups: self.groups,
             prior: &self.prior,
             likelihood,
             cells: &mut cells,
@@ -154,15 +173,19 @@ impl Filter {
     /// Updates with an inspection's likelihood by member and depth, at full weight.
     pub(super) fn inspect(&mut self, likelihood: &[f32]) {
         let (mut cells, mut parts) = self.unpacked();
-        let members = parts.len();
-        let variants = members / (cells.len() / BLOCK);
-        let weights = rows(likelihood).chunks_exact(variants);
-        let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
-        for ((block, parts), weights) in groups.zip(weights) {
-            let block = block.as_chunks_mut::<DEPTHS>().0;
-            weigh(block, &by_depth(block), parts, weights, FORGOTTEN, |weight| weight);
+        let variants = self.variants();
+        let of_depths = likelihood.as_chunks::<DEPTHS>().0;
+        for (index, block) in blocks_of(&mut cells).iter_mut().enumerate() {
+            let parts = &mut parts.as_chunks_mut::<LANES>().0[index * variants..][..variants];
+            let depths = by_depth(block);
+            let mut weights = Weights::of(&depths);
+            for (variant, part) in parts.iter_mut().enumerate() {
+                let member = |lane: usize| (index * LANES + lane).min(self.groups - 1) * variants + variant;
+                weights.add(part, |depth| std::array::from_fn(|lane| of_depths[member(lane)][depth]));
+            }
+            weights.apply(block, parts, FORGOTTEN);
         }
-        let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
+        let mean = |depth: usize| of_depths.iter().map(|of_depth| of_depth[depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
             // The inspection may contradict the prior, so depths of zero prior probability stay possible.
             *prior = (*prior + 1e-3) * mean(index % DEPTHS);
@@ -171,11 +194,15 @@ impl Filter {
         self.pack(&cells, &parts);
     }
 
+    /// Number of members of a group.
+    fn variants(&self) -> usize {
+        self.parts.len() / (self.groups.div_ceil(LANES) * LANES)
+    }
+
     /// Unpacks cells and parts; the parts of each group are normalised to 1.
     fn unpacked(&self) -> (Vec<f32>, Vec<f32>) {
         let (cells, mut parts) = (self.cells.unpacked(), self.parts.unpacked());
-        let variants = parts.len() / (cells.len() / BLOCK);
-        parts.chunks_exact_mut(variants).for_each(normalise);
+        parts.as_chunks_mut::<LANES>().0.chunks_exact_mut(self.variants()).for_each(normalise_lanes);
         (cells, parts)
     }
 
@@ -186,25 +213,31 @@ impl Filter {
 
     /// Returns the probability of each group of members; the sum is 1.
     pub(super) fn groups(&self) -> Vec<f32> {
-        let mut groups: Vec<f32> = self.cells.unpacked().chunks_exact(BLOCK).map(sum).collect();
+        let mut cells = self.cells.unpacked();
+        let of_block = |block: &Block| by_lane(&by_depth(block));
+        let mut groups: Vec<f32> = blocks_of(&mut cells).iter().flat_map(of_block).collect();
+        groups.truncate(self.groups);
         normalise(&mut groups);
         groups
     }
 
     /// Returns the index of each member's mean depth.
     pub(super) fn mean_depths(&self) -> Vec<u8> {
-        let cells = self.cells.unpacked();
-        let variants = self.parts.len() / (cells.len() / BLOCK);
-        let mean = |block: &[f32]| {
-            let (mut sum, mut total) = (0.0, f32::MIN_POSITIVE);
-            for (index, p) in block.iter().enumerate() {
-                sum += p * (index % DEPTHS) as f32;
-                total += p;
-            }
-            (sum / total).round().clamp(0.0, (DEPTHS - 1) as f32) as u8
+        let mut cells = self.cells.unpacked();
+        let of_block = |block: &Block| {
+            let depths = by_depth(block);
+            let mean = move |lane: usize| {
+                let (mut sum, mut total) = (0.0, f32::MIN_POSITIVE);
+                for (depth, row) in depths.iter().enumerate() {
+                    sum += row[lane] * depth as f32;
+                    total += row[lane];
+                }
+                (sum / total).round().clamp(0.0, (DEPTHS - 1) as f32) as u8
+            };
+            (0..LANES).map(mean)
         };
-        let groups = cells.chunks_exact(BLOCK).map(mean);
-        groups.flat_map(|mean| std::iter::repeat_n(mean, variants)).collect()
+        let groups = blocks_of(&mut cells).iter().flat_map(of_block).take(self.groups);
+        groups.flat_map(|mean| std::iter::repeat_n(mean, self.variants())).collect()
     }
 }
 
@@ -216,6 +249,7 @@ struct Step<'a> {
     carried: f32,
     /// Probability of a restart.
     forgotten: f32,
+    groups: usize,
     prior: &'a [f32],
     likelihood: &'a Likelihood,
     cells: &'a mut [f32],
@@ -227,92 +261,164 @@ impl WithSimd for Step<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
-        let Self { growth, elapsed, carried, forgotten, prior, likelihood, cells, parts } = self;
-        growth.advance(cells, elapsed);
-        let groups = cells.len() / BLOCK;
-        let variants = parts.len() / groups;
-        let mut joint = Vec::with_capacity(groups * DEPTHS);
-        let mut by_rate = vec![0.0; BLOCK];
-        let (keep, restart) = ((1.0 - forgotten) / sum(cells), forgotten / groups as f32);
-        let logs = rows(&likelihood.log).chunks_exact(variants);
-        let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
-        for ((block, parts), logs) in groups.zip(logs) {
-            let block = block.as_chunks_mut::<DEPTHS>().0;
-            for (row, prior) in block.iter_mut().zip(rows(prior)) {
-                (0..DEPTHS).for_each(|depth| row[depth] = keep * row[depth] + restart * prior[depth]);
+        let Self { growth, elapsed, carried, forgotten, groups, prior, likelihood, cells, parts } = self;
+        let blocks = blocks_of(cells);
+        growth.advance(blocks, elapsed);
+        let variants = likelihood.log.len() / blocks.len();
+        let keep = (1.0 - forgotten) / sum(blocks.as_flattened().as_flattened().as_flattened());
+        let (priors, _) = prior.as_chunks::<DEPTHS>();
+        let mut joint = Vec::with_capacity(blocks.len() * DEPTHS * LANES);
+        let mut by_rate = Box::new([[[0.0; LANES]; DEPTHS]; RATES]);
+        let parts = parts.as_chunks_mut::<LANES>().0.chunks_exact_mut(variants);
+        let logs = likelihood.log.chunks_exact(variants);
+        for (index, ((block, parts), logs)) in blocks.iter_mut().zip(parts).zip(logs).enumerate() {
+            let used = lanes_in(groups, index);
+            let restart: Lanes =
+                std::array::from_fn(|lane| if lane < used { forgotten / groups as f32 } else { 0.0 });
+            for (row, prior) in block.iter_mut().zip(priors) {
+                for (row, prior) in row.iter_mut().zip(prior) {
+                    for lane in 0..LANES {
+                        row[lane] = keep * row[lane] + restart[lane] * prior;
+                    }
+                }
             }
             let depths = by_depth(block);
-            let added = of_group(parts, logs, |log| exp(ADDED * log));
-            joint.extend((0..DEPTHS).map(|depth| depths[depth] * added[depth]));
-            for (row, by_rate) in block.iter().zip(by_rate.as_chunks_mut::<DEPTHS>().0) {
-                (0..DEPTHS).for_each(|depth| by_rate[depth] += row[depth] * added[depth]);
+            let mut added = [[0.0; LANES]; DEPTHS];
+            let mut weights = Weights::of(&depths);
+            for (part, log) in parts.iter_mut().zip(logs) {
+                for (added, log) in added.iter_mut().zip(log) {
+                    let weights = raised(log, likelihood.highest, ADDED);
+                    for lane in 0..LANES {
+                        added[lane] += part[lane] * weights[lane];
+                    }
+                }
+                weights.add(part, |depth| raised(&log[depth], likelihood.highest, carried));
             }
-            weigh(block, &depths, parts, logs, forgotten, |log| exp(carried * log));
+            for (depths, added) in depths.iter().zip(&added) {
+                joint.extend((0..LANES).map(|lane| depths[lane] * added[lane]));
+            }
+            for (row, by_rate) in block.iter().zip(by_rate.iter_mut()) {
+                for depth in 0..DEPTHS {
+                    for lane in 0..LANES {
+                        by_rate[depth][lane] += row[depth][lane] * added[depth][lane];
+                    }
+                }
+            }
+            weights.apply(block, parts, forgotten);
         }
+        let mut by_rate: Vec<f32> = by_rate.as_flattened().iter().map(|row| sum(row)).collect();
         normalise(&mut joint);
         normalise(&mut by_rate);
-        JointPosterior { joint, by_rate }
+        JointPosterior { groups, joint, by_rate }
     }
 }
 
-/// Multiplies a group's cells with weights by member and depth, and updates each member's part of the group.
-/// `depths` is the group's probability by depth. The part `forgotten` of what tells members apart is lost.
-#[inline(always)]
-fn weigh(
-    block: &mut [Row],
-    depths: &Row,
-    parts: &mut [f32],
-    members: &[Row],
-    forgotten: f32,
-    weight: impl Fn(f32) -> f32 + Copy,
-) {
-    let mut weights = [0.0; DEPTHS];
-    for (part, row) in parts.iter_mut().zip(members) {
-        let of_member: Row = std::array::from_fn(|depth| weight(row[depth]));
-        (0..DEPTHS).for_each(|depth| weights[depth] += *part * of_member[depth]);
-        let weighed: Row = std::array::from_fn(|depth| of_member[depth] * depths[depth]);
-        *part *= sum(&weighed);
+/// Weights of a block's groups by depth, averaged over the members by their parts of the group.
+struct Weights<'a> {
+    /// The groups' probability by depth.
+    depths: &'a Depths,
+    weights: Depths,
+}
+
+impl<'a> Weights<'a> {
+    #[inline(always)]
+    fn of(depths: &'a Depths) -> Self {
+        Self { depths, weights: [[0.0; LANES]; DEPTHS] }
     }
-    normalise(parts);
-    let even = 1.0 / parts.len() as f32;
-    parts.iter_mut().for_each(|part| *part += forgotten * (even - *part));
+
+    /// Adds one member of each group with its weights by depth, and multiplies its part of the group with its
+    /// mean weight.
+    #[inline(always)]
+    fn add(&mut self, part: &mut Lanes, at_depth: impl Fn(usize) -> Lanes) {
+        let mut mean = [0.0; LANES];
+        for (depth, weights) in self.weights.iter_mut().enumerate() {
+            let of_members = at_depth(depth);
+            for lane in 0..LANES {
+                weights[lane] += part[lane] * of_members[lane];
+                mean[lane] += of_members[lane] * self.depths[depth][lane];
+            }
+        }
+        for lane in 0..LANES {
+            part[lane] *= mean[lane];
+        }
+    }
+
+    /// Multiplies a block's cells with the weights. The part `forgotten` of what tells members apart is lost.
+    #[inline(always)]
+    fn apply(&self, block: &mut Block, parts: &mut [Lanes], forgotten: f32) {
+        normalise_lanes(parts);
+        let even = 1.0 / parts.len() as f32;
+        parts.as_flattened_mut().iter_mut().for_each(|part| *part += forgotten * (even - *part));
+        for row in block {
+            for (row, weights) in row.iter_mut().zip(&self.weights) {
+                for lane in 0..LANES {
+                    row[lane] *= weights[lane];
+                }
+            }
+        }
+    }
+}
+
+/// Returns likelihoods over the highest one, raised to a power.
+#[inline(always)]
+fn raised(log: &Lanes, highest: f32, exponent: f32) -> Lanes {
+    let mut raised = [0.0; LANES];
+    for lane in 0..LANES {
+        raised[lane] = exp(exponent * (log[lane] - highest));
+    }
+    raised
+}
+
+/// Returns the probability by depth of a block's groups.
+#[inline(always)]
+fn by_depth(block: &Block) -> Depths {
+    let mut depths = [[0.0; LANES]; DEPTHS];
     for row in block {
-        (0..DEPTHS).for_each(|depth| row[depth] *= weights[depth]);
-    }
-}
-
-/// Returns the weights by depth, averaged over the members by their parts of the group.
-#[inline(always)]
-fn of_group(parts: &[f32], members: &[Row], weight: impl Fn(f32) -> f32) -> Row {
-    let mut mean = [0.0; DEPTHS];
-    for (part, row) in parts.iter().zip(members) {
-        (0..DEPTHS).for_each(|depth| mean[depth] += part * weight(row[depth]));
-    }
-    mean
-}
-
-/// Returns a group's probability by depth.
-#[inline(always)]
-fn by_depth(block: &[Row]) -> Row {
-    let mut depths = [0.0; DEPTHS];
-    for row in block {
-        (0..DEPTHS).for_each(|depth| depths[depth] += row[depth]);
+        for (depths, row) in depths.iter_mut().zip(row) {
+            for lane in 0..LANES {
+                depths[lane] += row[lane];
+            }
+        }
     }
     depths
 }
 
-/// Splits values into rows by depth.
-fn rows(values: &[f32]) -> &[Row] {
-    values.as_chunks().0
+/// Returns the sum over all depths.
+#[inline(always)]
+fn by_lane(depths: &Depths) -> Lanes {
+    let mut total = [0.0; LANES];
+    for row in depths {
+        for lane in 0..LANES {
+            total[lane] += row[lane];
+        }
+    }
+    total
 }
 
-/// Sums many numbers, in eight partial sums.
+/// Number of groups in a block.
+fn lanes_in(groups: usize, block: usize) -> usize {
+    (groups - block * LANES).min(LANES)
+}
+
+/// Splits cells into blocks.
+#[inline(always)]
+fn blocks_of(cells: &mut [f32]) -> &mut [Block] {
+    depths_of(cells).as_chunks_mut().0
+}
+
+/// Splits values into those of one block by depth.
+#[inline(always)]
+fn depths_of(values: &mut [f32]) -> &mut [Depths] {
+    values.as_chunks_mut::<LANES>().0.as_chunks_mut().0
+}
+
+/// Sums many numbers, in sixteen partial sums.
 #[inline(always)]
 fn sum(values: &[f32]) -> f32 {
-    let (eights, rest) = values.as_chunks::<8>();
-    let mut sums = [0.0_f32; 8];
-    for eight in eights {
-        sums.iter_mut().zip(eight).for_each(|(sum, value)| *sum += value);
+    let (rows, rest) = values.as_chunks::<LANES>();
+    let mut sums = [0.0_f32; LANES];
+    for row in rows {
+        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
     }
     sums.iter().chain(rest).sum()
 }
@@ -326,25 +432,44 @@ fn normalise(values: &mut [f32]) {
     }
 }
 
+/// Normalises each lane.
+#[inline(always)]
+fn normalise_lanes(rows: &mut [Lanes]) {
+    let mut total = [f32::MIN_POSITIVE; LANES];
+    for row in rows.iter() {
+        for lane in 0..LANES {
+            total[lane] += row[lane];
+        }
+    }
+    for row in rows {
+        for lane in 0..LANES {
+            row[lane] /= total[lane];
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_last_reported_depth_has_the_probability_of_all_greater_ones() {
-        let mut joint = vec![0.0; 2 * DEPTHS];
-        (joint[3], joint[REPORTED - 1], joint[2 * DEPTHS - 1]) = (0.5, 0.125, 0.375);
-        let depths = JointPosterior { joint, by_rate: vec![0.0; BLOCK] }.by_depth();
+        let mut joint = [[0.0; LANES]; DEPTHS];
+        (joint[3][0], joint[REPORTED - 1][0], joint[DEPTHS - 1][1]) = (0.5, 0.125, 0.375);
+        let joint = joint.as_flattened().to_vec();
+        let depths = JointPosterior { groups: 2, joint, by_rate: vec![0.0; RATES * DEPTHS] }.by_depth();
         assert_eq!((depths.len(), depths[3], depths[REPORTED - 1]), (REPORTED, 0.5, 0.5));
     }
 
     #[test]
     fn no_wear_is_mixed_into_the_posterior() {
-        let mut joint = vec![0.0; 3 * DEPTHS];
-        joint[DEPTHS + 7] = 1.0;
-        let mut by_rate = vec![0.0; BLOCK];
+        let mut joint = [[0.0; LANES]; DEPTHS];
+        joint[7][1] = 1.0;
+        let joint = joint.as_flattened().to_vec();
+        let mut by_rate = vec![0.0; RATES * DEPTHS];
         by_rate[2 * DEPTHS + 7] = 1.0;
-        let mixed = JointPosterior { joint, by_rate }.or_depths(&[0.5, 0.5], 0.5);
+        let mixed = JointPosterior { groups: 3, joint, by_rate }.or_depths(&[0.5, 0.5], 0.5);
+        assert!((sum(&mixed.joint) - 1.0).abs() < 1e-6);
         let depths = mixed.by_depth();
         assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[1] - 0.25).abs() < 1e-6);
         assert!((depths[7] - 0.5).abs() < 1e-6);

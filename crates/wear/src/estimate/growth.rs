@@ -62,6 +62,12 @@ const MAX_PART: f64 = 5.0;
 /// Largest number of steps of one interval.
 const MAX_STEPS: usize = 256;
 
+/// Probabilities by depth, of several groups of members side by side.
+pub(super) type ByDepth<const L: usize> = [[f32; L]; DEPTHS];
+
+/// The same by rate.
+pub(super) type ByRate<const L: usize> = [ByDepth<L>; RATES];
+
 /// Growth on the depths of an ensemble.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Growth {
@@ -80,9 +86,9 @@ impl Growth {
         Self { widths_um, least_um, rates_um: rates_um(depths_um) }
     }
 
-    /// Advances probabilities by rate and depth, in blocks of [`RATES`] × [`DEPTHS`], to the next record.
+    /// Advances probabilities to the next record.
     #[inline(always)]
-    pub(super) fn advance(&self, blocks: &mut [f32], elapsed: Elapsed) {
+    pub(super) fn advance<const L: usize>(&self, blocks: &mut [ByRate<L>], elapsed: Elapsed) {
         let Elapsed { units, lengthening, jumps } = elapsed;
         if lengthening > 1.0 {
             self.lengthen_unit(blocks, lengthening);
@@ -97,15 +103,15 @@ impl Growth {
     /// Keeps the growth per time while a unit becomes longer by a factor: a part of each rate's probability
     /// moves to the next higher rate.
     #[inline(always)]
-    fn lengthen_unit(&self, blocks: &mut [f32], factor: f64) {
+    fn lengthen_unit<const L: usize>(&self, blocks: &mut [ByRate<L>], factor: f64) {
         let ratio = |rate: usize| self.rates_um[rate + 1] / self.rates_um[rate];
-        for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
-            let (rows, _) = block.as_chunks_mut::<DEPTHS>();
+        for block in blocks {
             // The first rate is that of no growth, and the last one has none above it.
             for rate in (1..RATES - 1).rev() {
                 let part = (factor.ln() / ratio(rate).ln()).min(1.0) as f32;
-                let (lower, higher) = rows.split_at_mut(rate + 1);
-                for (from, to) in lower[rate].iter_mut().zip(&mut higher[0]) {
+                let (lower, higher) = block.split_at_mut(rate + 1);
+                let (lower, higher) = (lower[rate].as_flattened_mut(), higher[0].as_flattened_mut());
+                for (from, to) in lower.iter_mut().zip(higher) {
                     let moved = part * *from;
                     *from -= moved;
                     *to += moved;
@@ -115,24 +121,29 @@ impl Growth {
     }
 
     #[inline(always)]
-    fn advance_part(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
+    fn advance_part<const L: usize>(&self, blocks: &mut [ByRate<L>], units: f64, jumps: Jumps) {
         let moves = self.rates_um.map(|rate_um| self.moves(rate_um * units));
         let within = |per_unit: f64| (1.0 - (1.0 - per_unit).powf(units)) as f32;
         let redrawn = within(CHANGES);
         let jumping = within(jumps.per_unit());
-        for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
-            let (rows, _) = block.as_chunks_mut::<DEPTHS>();
-            for (row, (steps, moving)) in rows.iter_mut().zip(&moves) {
-                (0..*steps).for_each(|_| step(row, moving));
+        for block in blocks {
+            for (row, (steps, moving)) in block.iter_mut().zip(&moves) {
+                for _ in 0..*steps {
+                    step(row, moving);
+                }
             }
-            self.jump(rows, jumping);
-            let mut total = [0.0_f32; DEPTHS];
-            for row in rows.iter() {
-                (0..DEPTHS).for_each(|depth| total[depth] += redrawn * row[depth]);
-            }
-            for (row, prior) in rows.iter_mut().zip(PRIOR) {
-                for depth in 0..DEPTHS {
-                    row[depth] += prior * total[depth] - redrawn * row[depth];
+            self.jump(block, jumping);
+            for depth in 0..DEPTHS {
+                let mut total = [0.0_f32; L];
+                for row in block.iter() {
+                    for lane in 0..L {
+                        total[lane] += redrawn * row[depth][lane];
+                    }
+                }
+                for (row, prior) in block.iter_mut().zip(PRIOR) {
+                    for lane in 0..L {
+                        row[depth][lane] += prior * total[lane] - redrawn * row[depth][lane];
+                    }
                 }
             }
         }
@@ -154,35 +165,38 @@ impl Growth {
     /// Spreads a part of each depth's probability over all greater depths up to the library's end, at all
     /// rates.
     #[inline(always)]
-    fn jump(&self, rows: &mut [[f32; DEPTHS]], part: f32) {
-        let mut left: f32 = self.widths_um[..REPORTED - 1].iter().sum();
-        let mut falling = [0.0_f32; RATES];
-        let mut before_um = 0.0;
-        for (depth, width_um) in self.widths_um[..REPORTED - 1].iter().enumerate() {
-            let each = part / left.max(f32::MIN_POSITIVE);
-            for (row, falling) in rows.iter_mut().zip(&mut falling) {
-                let value = row[depth];
-                row[depth] += *falling * before_um - part * value;
-                *falling += each * value;
+    fn jump<const L: usize>(&self, block: &mut ByRate<L>, part: f32) {
+        for row in block {
+            let mut left: f32 = self.widths_um[..REPORTED - 1].iter().sum();
+            let mut falling = [0.0_f32; L];
+            let mut before_um = 0.0;
+            for (depth, width_um) in self.widths_um[..REPORTED - 1].iter().enumerate() {
+                let each = part / left.max(f32::MIN_POSITIVE);
+                for (cell, falling) in row[depth].iter_mut().zip(&mut falling) {
+                    let value = *cell;
+                    *cell += *falling * before_um - part * value;
+                    *falling += each * value;
+                }
+                left -= width_um;
+                before_um = *width_um;
             }
-            left -= width_um;
-            before_um = *width_um;
-        }
-        for (row, falling) in rows.iter_mut().zip(falling) {
-            row[REPORTED - 1] += falling * before_um;
+            for (cell, falling) in row[REPORTED - 1].iter_mut().zip(falling) {
+                *cell += falling * before_um;
+            }
         }
     }
 }
 
+/// Moves a part of each depth's probability to the next depth.
 #[inline(always)]
-fn step(row: &mut [f32; DEPTHS], moving: &[f32; DEPTHS]) {
-    let leaves: [f32; DEPTHS] = std::array::from_fn(|depth| row[depth] * moving[depth]);
-    for depth in 0..DEPTHS {
-        row[depth] -= leaves[depth];
+fn step<const L: usize>(row: &mut ByDepth<L>, moving: &[f32; DEPTHS]) {
+    for depth in (1..DEPTHS).rev() {
+        let before = row[depth - 1];
+        for lane in 0..L {
+            row[depth][lane] += before[lane] * moving[depth - 1] - row[depth][lane] * moving[depth];
+        }
     }
-    for depth in 1..DEPTHS {
-        row[depth] += leaves[depth - 1];
-    }
+    row[0].iter_mut().for_each(|cell| *cell -= *cell * moving[0]);
 }
 
 #[cfg(test)]
@@ -193,6 +207,20 @@ mod tests {
         Elapsed { units, lengthening: 1.0, jumps: Jumps::Rare }
     }
 
+    fn start(rate: usize, depth: usize) -> ByRate<1> {
+        let mut block = [[[0.0]; DEPTHS]; RATES];
+        block[rate][depth] = [1.0];
+        block
+    }
+
+    fn advance(growth: &Growth, block: &mut ByRate<1>, by: f64) {
+        growth.advance(std::slice::from_mut(block), units(by));
+    }
+
+    fn total(block: &ByRate<1>) -> f32 {
+        block.as_flattened().as_flattened().iter().sum()
+    }
+
     fn grid() -> Vec<f64> {
         (0..DEPTHS).map(|i| 5.0 * i as f64).collect()
     }
@@ -200,15 +228,15 @@ mod tests {
     #[test]
     fn probability_is_conserved_and_wear_never_decreases() {
         let growth = Growth::on(&grid());
-        let mut block = vec![0.0; RATES * DEPTHS];
-        for (rate, prior) in PRIOR.iter().enumerate() {
-            block[rate * DEPTHS + 10] = *prior;
+        let mut block = [[[0.0]; DEPTHS]; RATES];
+        for (row, prior) in block.iter_mut().zip(PRIOR) {
+            row[10] = [prior];
         }
         for _ in 0..30 {
-            growth.advance(&mut block, units(1.0));
+            advance(&growth, &mut block, 1.0);
         }
-        assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
-        let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
+        assert!((total(&block) - 1.0).abs() < 1e-4);
+        let below: f32 = block.iter().flat_map(|row| row[..10].as_flattened()).sum();
         assert!(below.abs() < 1e-6);
     }
 
@@ -216,20 +244,18 @@ mod tests {
     fn growth_is_the_rate_times_the_units() {
         let growth = Growth::on(&grid());
         let (steps, moving) = growth.moves(40.0);
-        let mut row = [0.0; DEPTHS];
-        row[4] = 1.0;
+        let mut row = start(0, 4)[0];
         (0..steps).for_each(|_| step(&mut row, &moving));
-        let mean: f64 = row.iter().zip(grid()).map(|(p, um)| f64::from(*p) * um).sum();
+        let mean: f64 = row.as_flattened().iter().zip(grid()).map(|(p, um)| f64::from(*p) * um).sum();
         assert!((mean - 60.0).abs() < 1e-3, "{mean}");
     }
 
     #[test]
     fn growth_per_time_stays_while_a_unit_becomes_longer() {
         let growth = Growth::on(&grid());
-        let mut block = vec![0.0_f32; RATES * DEPTHS];
-        block[2 * DEPTHS] = 1.0;
-        let log_rate = |block: &[f32]| -> f64 {
-            let of = |rate: usize| f64::from(block[rate * DEPTHS..(rate + 1) * DEPTHS].iter().sum::<f32>());
+        let mut block = [start(2, 0)];
+        let log_rate = |block: &[ByRate<1>; 1]| -> f64 {
+            let of = |rate: usize| f64::from(block[0][rate].as_flattened().iter().sum::<f32>());
             (1..RATES).map(|rate| of(rate) * growth.rates_um[rate].ln()).sum()
         };
         let before = log_rate(&block);
@@ -241,27 +267,21 @@ mod tests {
     #[test]
     fn a_rate_changes_to_those_of_the_prior() {
         let growth = Growth::on(&grid());
-        let mut block = vec![0.0_f32; RATES * DEPTHS];
-        block[0] = 1.0;
-        growth.advance(&mut block, units(1.0));
-        let left: f32 = block[..DEPTHS].iter().sum();
+        let mut block = start(0, 0);
+        advance(&growth, &mut block, 1.0);
+        let left: f32 = block[0].as_flattened().iter().sum();
         assert!((1.0 - left - 0.025 * 0.7).abs() < 1e-3, "{left}");
     }
 
     #[test]
     fn a_long_interval_reaches_at_least_as_far_as_many_short_ones() {
         let growth = Growth::on(&grid());
-        let start = || {
-            let mut block = vec![0.0_f32; RATES * DEPTHS];
-            block[3 * DEPTHS] = 1.0;
-            block
-        };
-        let (mut long, mut short) = (start(), start());
-        growth.advance(&mut long, units(20.0));
-        (0..20).for_each(|_| growth.advance(&mut short, units(1.0)));
-        let mean = |block: &[f32]| -> f64 {
+        let (mut long, mut short) = (start(3, 0), start(3, 0));
+        advance(&growth, &mut long, 20.0);
+        (0..20).for_each(|_| advance(&growth, &mut short, 1.0));
+        let mean = |block: &ByRate<1>| -> f64 {
             let depths = grid();
-            block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()
+            block.iter().flat_map(|row| row.iter().zip(&depths)).map(|([p], um)| f64::from(*p) * um).sum()
         };
         assert!(
             mean(&long) > mean(&short) && mean(&long) < 3.0 * mean(&short),

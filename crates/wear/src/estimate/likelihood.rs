@@ -15,17 +15,16 @@ const FREEDOM: f32 = 4.0;
 /// the power 2/(ν + 1).
 const MAX_TAIL: f32 = 200.0;
 
-/// Depths whose products over the lines are in registers together; it divides their number.
-const TOGETHER: usize = 3;
-
 /// Likelihood of a record for all members at all depths.
 pub(super) struct Likelihood {
-    /// Logarithm by member and depth, minus the highest.
-    pub(super) log: Vec<f32>,
+    /// Logarithm by block of members, depth and member.
+    pub(super) log: Vec<[Lanes; DEPTHS]>,
     /// Member and depth of the highest.
     pub(super) best: (usize, usize),
     /// Logarithm of the highest.
-    pub(super) highest: f64,
+    pub(super) highest: f32,
+    /// Block and lane of the best member.
+    best_place: (usize, usize),
 }
 
 impl Likelihood {
@@ -37,9 +36,9 @@ impl Likelihood {
 
     /// Returns the range of depth indices that this record cannot distinguish from the best one.
     pub(super) fn resolved(&self) -> [usize; 2] {
-        let (member, best) = self.best;
-        let row = &self.log[member * DEPTHS..(member + 1) * DEPTHS];
-        let alike = |depth: &usize| row[*depth] > row[best] - 2.0;
+        let ((block, lane), best) = (self.best_place, self.best.1);
+        let row = &self.log[block];
+        let alike = |depth: &usize| row[*depth][lane] > row[best][lane] - 2.0;
         let low = (0..best).rev().take_while(alike).last().unwrap_or(best);
         let high = (best + 1..DEPTHS).take_while(alike).last().unwrap_or(best);
         [low, high]
@@ -80,65 +79,75 @@ impl WithSimd for Comparison<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Likelihood {
-        let scale: f32 = self.lines.iter().map(|line| line.half_log_factor).sum();
-        let mut log = vec![0.0; self.expectations.members() * DEPTHS];
-        let (mut best, mut highest) = ((0, 0), f32::NEG_INFINITY);
-        for (index, rows) in log.as_chunks_mut::<DEPTHS>().0.chunks_mut(LANES).enumerate() {
+        let mut log = vec![[[0.0; LANES]; DEPTHS]; self.expectations.ensemble().blocks()];
+        for (index, log) in log.iter_mut().enumerate() {
             let block = self.expectations.block(index);
-            let mut most = [f32::NEG_INFINITY; LANES];
-            let by_depth = self.log_likelihood(&block);
-            for (depth, logs) in by_depth.iter().enumerate() {
-                let logs = logs.map(|log| scale + log);
-                rows.iter_mut().zip(logs).for_each(|(row, log)| row[depth] = log);
-                for (most, log) in most.iter_mut().zip(logs) {
-                    *most = if log > *most { log } else { *most };
-                }
-            }
-            for (lane, row) in rows.iter().enumerate() {
-                if most[lane] > highest {
-                    highest = most[lane];
-                    let depth = row.iter().position(|value| *value == highest).unwrap_or(0);
-                    best = (index * LANES + lane, depth);
-                }
+            match (block.is_loaded(), block.is_anchored()) {
+                (false, false) => self.log_likelihood::<false, false>(&block, log),
+                (false, true) => self.log_likelihood::<false, true>(&block, log),
+                (true, false) => self.log_likelihood::<true, false>(&block, log),
+                (true, true) => self.log_likelihood::<true, true>(&block, log),
             }
         }
-        log.iter_mut().for_each(|value| *value -= highest);
-        Likelihood { log, best, highest: f64::from(highest) }
+        let (best_place, depth, highest) = highest(&log);
+        let best = (self.expectations.ensemble().member_in(best_place.0, best_place.1), depth);
+        Likelihood { log, best, highest, best_place }
     }
 }
 
+/// Returns block and lane, depth, and value of the highest number.
+#[inline(always)]
+fn highest(log: &[[Lanes; DEPTHS]]) -> ((usize, usize), usize, f32) {
+    let mut highest = f32::NEG_INFINITY;
+    let mut best_block = 0;
+    for (index, block) in log.iter().enumerate() {
+        let mut most = [f32::NEG_INFINITY; LANES];
+        for logs in block {
+            for (most, log) in most.iter_mut().zip(logs) {
+                // In place of `max`, which takes three instructions.
+                *most = if *log > *most { *log } else { *most };
+            }
+        }
+        let most = most.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        if most > highest {
+            (best_block, highest) = (index, most);
+        }
+    }
+    let cells = log[best_block].as_flattened();
+    let at = cells.iter().position(|log| *log == highest).unwrap_or(0);
+    ((best_block, at % LANES), at / LANES, highest)
+}
+
 impl Comparison<'_> {
-    /// Logarithm of the likelihood by depth and member of a block, up to a constant.
+    /// Computes the logarithm of the likelihood by depth and member of a block.
     #[inline(always)]
-    fn log_likelihood(&self, block: &Block<'_>) -> [Lanes; DEPTHS] {
-        let mut logs = [[0.0; LANES]; DEPTHS];
-        for (part, logs) in logs.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
-            let own: [Lanes; TOGETHER] =
-                std::array::from_fn(|depth| block.own_variance(part * TOGETHER + depth));
-            let (mut tails, mut spreads) = ([[1.0_f32; LANES]; TOGETHER], [[1.0_f32; LANES]; TOGETHER]);
+    fn log_likelihood<const LOADED: bool, const ANCHORED: bool>(
+        &self,
+        block: &Block<'_>,
+        log: &mut [Lanes; DEPTHS],
+    ) {
+        let scale: f32 = self.lines.iter().map(|line| line.half_log_factor).sum();
+        for (depth, log) in log.iter_mut().enumerate() {
+            let own = block.own_variance(depth);
+            let (mut tails, mut spreads) = ([1.0_f32; LANES], [1.0_f32; LANES]);
             for (index, line) in self.lines.iter().enumerate() {
+                let [expected, variance] = block.expect::<LOADED, ANCHORED>(index, depth, &own);
                 let of_square = line.factor / FREEDOM;
-                for depth in 0..TOGETHER {
-                    let [expected, variance] = block.expect(index, part * TOGETHER + depth, &own[depth]);
-                    for lane in 0..LANES {
-                        let residual = line.change - expected[lane];
-                        let variance = line.factor * variance[lane] + line.scaled_variance;
-                        let tail = variance + of_square * residual * residual;
-                        // In place of `min`, which takes three instructions.
-                        let limit = MAX_TAIL * variance;
-                        tails[depth][lane] *= if tail < limit { tail } else { limit };
-                        spreads[depth][lane] *= variance;
-                    }
+                for lane in 0..LANES {
+                    let residual = line.change - expected[lane];
+                    let variance = line.factor * variance[lane] + line.scaled_variance;
+                    let tail = variance + of_square * residual * residual;
+                    // In place of `min`, which takes three instructions.
+                    let limit = MAX_TAIL * variance;
+                    tails[lane] *= if tail < limit { tail } else { limit };
+                    spreads[lane] *= variance;
                 }
             }
             // Student's t, with (ν + r²/σ²)/ν as the quotient of both products.
-            for depth in 0..TOGETHER {
-                for lane in 0..LANES {
-                    logs[depth][lane] =
-                        0.5 * (FREEDOM * ln(spreads[depth][lane]) - (FREEDOM + 1.0) * ln(tails[depth][lane]));
-                }
+            for lane in 0..LANES {
+                let tails = (FREEDOM + 1.0) * ln(tails[lane]);
+                log[lane] = scale + 0.5 * (FREEDOM * ln(spreads[lane]) - tails);
             }
         }
-        logs
     }
 }

@@ -202,10 +202,11 @@ impl Tracker {
     }
 
     /// Returns the existing filter where its size fits the ensemble, else that of a new machine.
-    fn filter_for(&self, existing: Option<Filter>, members: usize) -> Filter {
+    fn filter_for(&self, existing: Option<Filter>) -> Filter {
+        let (members, variants) = (self.members(), self.variants());
         match existing {
-            Some(filter) if filter.fits(members, self.variants()) => filter,
-            _ => Filter::start(self.tracked_um(), members, self.variants()),
+            Some(filter) if filter.fits(members, variants) => filter,
+            _ => Filter::start(self.tracked_um(), members / variants, variants),
         }
     }
 }

@@ -33,7 +33,7 @@ pub use ensemble::{
     DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, REPORTED, VARIANTS,
     decode_ensemble, encode_ensemble, ensemble_id,
 };
-pub(crate) use ensemble::{LANES, Lanes, end_um, line_name};
+pub(crate) use ensemble::{DepthChanges, LANES, Lanes, end_um, line_name};
 pub use error::LibraryError;
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::GridSettings;

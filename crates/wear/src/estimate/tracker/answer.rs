@@ -105,7 +105,7 @@ impl Tracker {
         answer.at_least_um = at_end.then_some(least);
         let errors = self.transmission_errors.as_ref();
         answer.transmission_error_um = errors.and_then(|errors| errors.interval_um(&posterior.joint));
-        answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
+        answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest.into());
         answer.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
         answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.reported_um(depth)));
         answer.posterior = Some(self.grid.posterior(&probability));

@@ -174,7 +174,7 @@ impl Tracker {
         filter: Option<Filter>,
         inspection: &Inspection,
     ) -> Filter {
-        let mut filter = self.filter_for(filter, ensemble.members().len());
+        let mut filter = self.filter_for(filter);
         let tracked = DepthGrid::of(ensemble.depths_um());
         let at_place = |member: &Member| member.at_place(inspection.gear_index(), inspection.place);
         let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
@@ -382,11 +382,10 @@ impl Tracker {
         measured: &MeasuredLines,
         likelihood: &Likelihood,
     ) -> JointPosterior {
-        let members = likelihood.log.len() / DEPTHS;
         let moving = tracking.motion.add(measured);
         let signs = Signs { deeper: tracking.deeper >= MIN_DEEPER, moving };
         let elapsed = tracking.clock.advance(at, measured.load, signs);
-        let filter = self.filter_for(tracking.filter.take(), members);
+        let filter = self.filter_for(tracking.filter.take());
         let filter = tracking.filter.insert(filter);
         let is_inspected = tracking.anchor.is_some();
         let posterior = filter.update(&self.growth, elapsed, likelihood, is_inspected);

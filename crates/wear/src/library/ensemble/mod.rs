@@ -27,7 +27,7 @@ pub use depths::{DEPTHS, REPORTED};
 pub use file::{decode_ensemble, encode_ensemble};
 use line_changes::LineChanges;
 pub use line_changes::MESH_LINES;
-pub(crate) use line_changes::{LANES, Lanes};
+pub(crate) use line_changes::{DepthChanges, LANES, Lanes};
 use member::Simulated;
 pub(crate) use member::line_name;
 pub use member::{FlankPlace, Member, VARIANTS};
@@ -92,7 +92,8 @@ impl Ensemble {
     fn from_members(id: String, described: Arc<Library>, members: Vec<Simulated>) -> Self {
         let (members, changes): (Vec<Member>, Vec<Vec<f32>>) =
             members.into_iter().map(|Simulated { member, changes }| (member, changes)).unzip();
-        let (depths_um, changes) = (depths_um(described.max_wear_um()), LineChanges::of(&changes));
+        let depths_um = depths_um(described.max_wear_um());
+        let changes = LineChanges::of(&changes, variants(&members));
         Self { id, described, depths_um, members, changes }
     }
 
@@ -186,10 +187,30 @@ impl Ensemble {
         self.changes.at(member, line, depth)
     }
 
-    /// Returns the changes of a line for [`LANES`] members side by side, by depth. Unused lanes of the last
-    /// block repeat the last member.
-    pub(crate) fn changes_side_by_side(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
-        self.changes.block(block, line)
+    /// Returns the number of groups of members.
+    pub fn groups(&self) -> usize {
+        self.members.len() / self.variants()
+    }
+
+    /// Returns the number of blocks of members side by side. A block has one variant of each of [`LANES`]
+    /// groups; the blocks of all variants of these groups follow each other.
+    pub(crate) fn blocks(&self) -> usize {
+        self.changes.blocks()
+    }
+
+    /// Returns the member in a lane of a block. Unused lanes of the last blocks repeat the last group.
+    pub(crate) fn member_in(&self, block: usize, lane: usize) -> usize {
+        self.changes.member(block, lane)
+    }
+
+    /// Returns a member's block and lane.
+    pub(crate) fn place_of(&self, member: usize) -> (usize, usize) {
+        self.changes.place(member)
+    }
+
+    /// Returns the changes of a block's members, by depth and line.
+    pub(crate) fn changes_side_by_side(&self, block: usize) -> &[DepthChanges; DEPTHS] {
+        self.changes.block(block)
     }
 
     /// Whether these are the first members of an ensemble with these settings.
@@ -199,8 +220,7 @@ impl Ensemble {
 
     /// Number of consecutive members that form a group with the same gears and the same wear.
     pub fn variants(&self) -> usize {
-        let drawn = self.members.first().is_some_and(|member| member.draw.is_some());
-        if drawn { VARIANTS } else { 1 }
+        variants(&self.members)
     }
 
     /// Returns the ensemble without one group of members, for scoring the estimate on one of them.
@@ -211,6 +231,12 @@ impl Ensemble {
         let members = others.map(|(_, simulated)| simulated).collect();
         Self::from_members(format!("{}-without-{group}", self.id), Arc::clone(&self.described), members)
     }
+}
+
+/// Number of consecutive members that form a group.
+fn variants(members: &[Member]) -> usize {
+    let drawn = members.first().is_some_and(|member| member.draw.is_some());
+    if drawn { VARIANTS } else { 1 }
 }
 
 #[cfg(test)]
