@@ -10,10 +10,12 @@ use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 use super::exponential::exp;
-use super::growth::{ByDepth, ByRate, Elapsed, Growth, PRIOR, RATES};
+use super::groups::{Block, Depths, blocks_of, by_depth, by_lane, lanes_in, normalise, normalise_lanes, sum};
+use super::growth::{Elapsed, Growth, PRIOR, RATES};
+use super::joint_posterior::JointPosterior;
 use super::likelihood::Likelihood;
 use super::packed::Packed;
-use crate::library::{DEPTHS, LANES, Lanes, REPORTED, end_um};
+use crate::library::{DEPTHS, LANES, Lanes, end_um};
 
 /// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
@@ -34,12 +36,6 @@ const FORGOTTEN: f32 = 0.003;
 /// Prior mean of the depth at the end of a new machine's baseline, in parts of the library's end.
 const BEGINNING_PART: f64 = 0.006;
 
-/// Probabilities by depth of a block of groups of members.
-type Depths = ByDepth<LANES>;
-
-/// The same by rate.
-type Block = ByRate<LANES>;
-
 /// The filter's state, packed to 16 bits per cell. Members of one group share the probability of rate and
 /// depth; each has a part of the group. Groups are in blocks, as the ensemble has them, and unused lanes of
 /// the last block have no probability.
@@ -52,56 +48,6 @@ pub(super) struct Filter {
     parts: Packed,
     /// Probability without any record, by rate and depth.
     prior: Vec<f32>,
-}
-
-/// The posterior after a record.
-pub(super) struct JointPosterior {
-    groups: usize,
-    /// By block of groups, depth and group; the sum is 1.
-    pub(super) joint: Vec<f32>,
-    /// By rate and depth; the sum is 1.
-    pub(super) by_rate: Vec<f32>,
-}
-
-impl JointPosterior {
-    /// Mixes in depths by their probability, without growth, with a weight.
-    pub(super) fn or_depths(mut self, by_depth: &[f32], weight: f32) -> Self {
-        self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - weight);
-        let each = weight / self.groups as f32;
-        for (block, rows) in depths_of(&mut self.joint).iter_mut().enumerate() {
-            for (row, depth) in rows.iter_mut().zip(by_depth) {
-                row[..lanes_in(self.groups, block)].iter_mut().for_each(|p| *p += each * depth);
-            }
-        }
-        // The first rate is that of no growth.
-        self.by_rate.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight * depth);
-        self
-    }
-
-    /// Rescales the groups of members to given probabilities.
-    pub(super) fn with_groups(mut self, groups: &[f32]) -> Self {
-        for (rows, groups) in depths_of(&mut self.joint).iter_mut().zip(groups.chunks(LANES)) {
-            let totals = by_lane(rows);
-            for row in rows {
-                for ((p, total), group) in row.iter_mut().zip(totals).zip(groups) {
-                    *p *= group / total.max(f32::MIN_POSITIVE);
-                }
-            }
-        }
-        normalise(&mut self.joint);
-        self
-    }
-
-    /// Returns the probability by reported depth. The last one has that of all greater depths too.
-    pub(super) fn by_depth(&self) -> Vec<f64> {
-        let mut total = vec![0.0; DEPTHS];
-        for (index, row) in self.joint.as_chunks::<LANES>().0.iter().enumerate() {
-            total[index % DEPTHS] += f64::from(sum(row));
-        }
-        let beyond: f64 = total.drain(REPORTED..).sum();
-        total[REPORTED - 1] += beyond;
-        total
-    }
 }
 
 impl Filter {
@@ -367,112 +313,4 @@ fn raised(log: &Lanes, highest: f32, exponent: f32) -> Lanes {
         raised[lane] = exp(exponent * (log[lane] - highest));
     }
     raised
-}
-
-/// Returns the probability by depth of a block's groups.
-#[inline(always)]
-fn by_depth(block: &Block) -> Depths {
-    let mut depths = [[0.0; LANES]; DEPTHS];
-    for row in block {
-        for (depths, row) in depths.iter_mut().zip(row) {
-            for lane in 0..LANES {
-                depths[lane] += row[lane];
-            }
-        }
-    }
-    depths
-}
-
-/// Returns the sum over all depths.
-#[inline(always)]
-fn by_lane(depths: &Depths) -> Lanes {
-    let mut total = [0.0; LANES];
-    for row in depths {
-        for lane in 0..LANES {
-            total[lane] += row[lane];
-        }
-    }
-    total
-}
-
-/// Number of groups in a block.
-fn lanes_in(groups: usize, block: usize) -> usize {
-    (groups - block * LANES).min(LANES)
-}
-
-/// Splits cells into blocks.
-#[inline(always)]
-fn blocks_of(cells: &mut [f32]) -> &mut [Block] {
-    depths_of(cells).as_chunks_mut().0
-}
-
-/// Splits values into those of one block by depth.
-#[inline(always)]
-fn depths_of(values: &mut [f32]) -> &mut [Depths] {
-    values.as_chunks_mut::<LANES>().0.as_chunks_mut().0
-}
-
-/// Sums many numbers, in sixteen partial sums.
-#[inline(always)]
-fn sum(values: &[f32]) -> f32 {
-    let (rows, rest) = values.as_chunks::<LANES>();
-    let mut sums = [0.0_f32; LANES];
-    for row in rows {
-        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-    }
-    sums.iter().chain(rest).sum()
-}
-
-#[inline(always)]
-fn normalise(values: &mut [f32]) {
-    let total = sum(values);
-    if total > 0.0 {
-        let scale = 1.0 / total;
-        values.iter_mut().for_each(|value| *value *= scale);
-    }
-}
-
-/// Normalises each lane.
-#[inline(always)]
-fn normalise_lanes(rows: &mut [Lanes]) {
-    let mut total = [f32::MIN_POSITIVE; LANES];
-    for row in rows.iter() {
-        for lane in 0..LANES {
-            total[lane] += row[lane];
-        }
-    }
-    for row in rows {
-        for lane in 0..LANES {
-            row[lane] /= total[lane];
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_last_reported_depth_has_the_probability_of_all_greater_ones() {
-        let mut joint = [[0.0; LANES]; DEPTHS];
-        (joint[3][0], joint[REPORTED - 1][0], joint[DEPTHS - 1][1]) = (0.5, 0.125, 0.375);
-        let joint = joint.as_flattened().to_vec();
-        let depths = JointPosterior { groups: 2, joint, by_rate: vec![0.0; RATES * DEPTHS] }.by_depth();
-        assert_eq!((depths.len(), depths[3], depths[REPORTED - 1]), (REPORTED, 0.5, 0.5));
-    }
-
-    #[test]
-    fn no_wear_is_mixed_into_the_posterior() {
-        let mut joint = [[0.0; LANES]; DEPTHS];
-        joint[7][1] = 1.0;
-        let joint = joint.as_flattened().to_vec();
-        let mut by_rate = vec![0.0; RATES * DEPTHS];
-        by_rate[2 * DEPTHS + 7] = 1.0;
-        let mixed = JointPosterior { groups: 3, joint, by_rate }.or_depths(&[0.5, 0.5], 0.5);
-        assert!((sum(&mixed.joint) - 1.0).abs() < 1e-6);
-        let depths = mixed.by_depth();
-        assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[1] - 0.25).abs() < 1e-6);
-        assert!((depths[7] - 0.5).abs() < 1e-6);
-        assert_eq!((mixed.by_rate[0], mixed.by_rate[1], mixed.by_rate[2 * DEPTHS + 7]), (0.25, 0.25, 0.5));
-    }
 }

@@ -44,7 +44,6 @@ pub(super) struct GrowthClock {
     /// Moving mean of the time between two records, in seconds.
     usual_s: f64,
     /// Whether no record has come since an inspection.
-    #[serde(default)]
     inspected: bool,
 }
 

@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::expectation::{Block, Expectations};
 use super::exponential::ln;
 use super::measured_lines::MeasuredLine;
-use crate::library::{DEPTHS, LANES, Lanes};
+use crate::library::{DEPTHS, Ensemble, LANES, Lanes};
 
 /// Degrees of freedom of a line's Student t distribution, whose wide tails keep a single badly modelled line
 /// from deciding.
@@ -23,8 +23,6 @@ pub(super) struct Likelihood {
     pub(super) best: (usize, usize),
     /// Logarithm of the highest.
     pub(super) highest: f32,
-    /// Block and lane of the best member.
-    best_place: (usize, usize),
 }
 
 impl Likelihood {
@@ -35,8 +33,9 @@ impl Likelihood {
     }
 
     /// Returns the range of depth indices that this record cannot distinguish from the best one.
-    pub(super) fn resolved(&self) -> [usize; 2] {
-        let ((block, lane), best) = (self.best_place, self.best.1);
+    pub(super) fn resolved(&self, ensemble: &Ensemble) -> [usize; 2] {
+        let (member, best) = self.best;
+        let (block, lane) = ensemble.place_of(member);
         let row = &self.log[block];
         let alike = |depth: &usize| row[*depth][lane] > row[best][lane] - 2.0;
         let low = (0..best).rev().take_while(alike).last().unwrap_or(best);
@@ -89,9 +88,9 @@ impl WithSimd for Comparison<'_> {
                 (true, true) => self.log_likelihood::<true, true>(&block, log),
             }
         }
-        let (best_place, depth, highest) = highest(&log);
-        let best = (self.expectations.ensemble().member_in(best_place.0, best_place.1), depth);
-        Likelihood { log, best, highest, best_place }
+        let ((block, lane), depth, highest) = highest(&log);
+        let best = (self.expectations.ensemble().member_in(block, lane), depth);
+        Likelihood { log, best, highest }
     }
 }
 

@@ -218,4 +218,6 @@ mod load_tests;
 #[cfg(test)]
 mod long_life_tests;
 #[cfg(test)]
+mod state_tests;
+#[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use super::Tracker;
 use crate::estimate::comparability::Rejection;
-use crate::estimate::filter::JointPosterior;
+use crate::estimate::joint_posterior::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
 use crate::estimate::wear::{BaselineProgress, BestState, MissingLibrary, WearEstimate, WearStatus};
@@ -107,7 +107,7 @@ impl Tracker {
         answer.transmission_error_um = errors.and_then(|errors| errors.interval_um(&posterior.joint));
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest.into());
         answer.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
-        answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.reported_um(depth)));
+        answer.resolved_um = Some(likelihood.resolved(ensemble).map(|depth| self.grid.reported_um(depth)));
         answer.posterior = Some(self.grid.posterior(&probability));
         answer
     }

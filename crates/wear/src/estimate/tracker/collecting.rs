@@ -34,7 +34,6 @@ pub(super) struct Collecting {
     records: Vec<Arc<Features>>,
     start: Option<Timestamp>,
     /// Time of the record after the first.
-    #[serde(default)]
     second: Option<Timestamp>,
     carried: Option<Carried>,
     #[serde(default)]

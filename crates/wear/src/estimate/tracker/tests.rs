@@ -12,7 +12,7 @@ use crate::library::testing::synthetic_library;
 
 pub(super) const NEED: u32 = 20;
 
-fn settings() -> EstimatorSettings {
+pub(super) fn settings() -> EstimatorSettings {
     EstimatorSettings { baseline_records: NEED, limit_um: Some(200.0) }
 }
 
@@ -93,21 +93,6 @@ fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() 
     // Four lines, each with a model error of up to a half: a tenth of the library's depths.
     assert!(error_um < 24.5, "mean error {error_um} µm");
     assert!(coverage >= 0.85, "the 90 % interval holds the truth in {coverage} of the records");
-}
-
-#[test]
-fn a_copy_through_json_continues_with_the_same_bits() {
-    let library = Arc::new(synthetic_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = tracker.start();
-    for i in 0..60 {
-        let features = seen(&library, f64::from(i), 0.05, &mut rng);
-        let mut copy: TrackerState = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
-        let expected = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
-        assert_eq!(tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &features), expected);
-        assert_eq!(copy, state);
-    }
 }
 
 #[test]
@@ -309,50 +294,6 @@ fn lines_in_the_noise_give_novelty_but_no_depth() {
     assert!(wear.reason.contains("cannot show wear"), "{}", wear.reason);
     let failing = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(1.0, &mut rng));
     assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
-}
-
-/// A service keeps several states of each channel in memory.
-#[test]
-fn states_of_a_channel_share_their_baseline() {
-    let library = Arc::new(synthetic_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(16);
-    let mut state = tracker.start();
-    let mut states = Vec::new();
-    for _ in 0..NEED + 3 {
-        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
-        states.push(state.clone());
-    }
-    let (collecting, tracking) = states.split_at(NEED as usize - 1);
-    let last: &[Arc<Features>] = match &collecting[collecting.len() - 1].0 {
-        Stage::Collecting(collecting) => collecting.records(),
-        Stage::Tracking(_) => panic!("the baseline is not complete"),
-    };
-    for (n, record) in last.iter().enumerate() {
-        assert_eq!(Arc::strong_count(record), collecting.len() - n, "record {n} is in each later state once");
-    }
-    let baselines: Vec<_> = tracking
-        .iter()
-        .map(|state| match &state.0 {
-            Stage::Tracking(tracking) => tracking.baseline(),
-            Stage::Collecting(_) => panic!("the baseline is complete"),
-        })
-        .collect();
-    assert_eq!(baselines.len(), 4);
-    assert!(baselines.iter().all(|baseline| Arc::ptr_eq(baseline, baselines[0])));
-}
-
-#[test]
-fn a_state_continues_only_with_as_many_members() {
-    let library = Arc::new(synthetic_library());
-    let (tracker, without) = (tracker(&library), Tracker::new(settings(), None));
-    let mut rng = ChaCha8Rng::seed_from_u64(43);
-    let mut state = tracker.start();
-    for _ in 0..=NEED {
-        assert!(tracker.continues(&state) && without.continues(&state));
-        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
-    }
-    assert!(tracker.continues(&state) && !without.continues(&state));
 }
 
 #[test]
