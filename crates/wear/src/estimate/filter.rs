@@ -214,7 +214,7 @@ impl WithSimd for Step<'_> {
         let keep = (1.0 - forgotten) / sum(blocks.as_flattened().as_flattened().as_flattened());
         let (priors, _) = prior.as_chunks::<DEPTHS>();
         let mut joint = Vec::with_capacity(blocks.len() * DEPTHS * LANES);
-        let mut by_rate = Box::new([[[0.0; LANES]; DEPTHS]; RATES]);
+        let mut standing = [0.0; LANES];
         let parts = parts.as_chunks_mut::<LANES>().0.chunks_exact_mut(variants);
         let logs = likelihood.log.chunks_exact(variants);
         for (index, ((block, parts), logs)) in blocks.iter_mut().zip(parts).zip(logs).enumerate() {
@@ -243,19 +243,17 @@ impl WithSimd for Step<'_> {
             for (depths, added) in depths.iter().zip(&added) {
                 joint.extend((0..LANES).map(|lane| depths[lane] * added[lane]));
             }
-            for (row, by_rate) in block.iter().zip(by_rate.iter_mut()) {
-                for depth in 0..DEPTHS {
-                    for lane in 0..LANES {
-                        by_rate[depth][lane] += row[depth][lane] * added[depth][lane];
-                    }
+            // The first rate is that of no growth.
+            for (row, added) in block[0].iter().zip(&added) {
+                for lane in 0..LANES {
+                    standing[lane] += row[lane] * added[lane];
                 }
             }
             weights.apply(block, parts, forgotten);
         }
-        let mut by_rate: Vec<f32> = by_rate.as_flattened().iter().map(|row| sum(row)).collect();
+        let standstill = sum(&standing) / sum(&joint).max(f32::MIN_POSITIVE);
         normalise(&mut joint);
-        normalise(&mut by_rate);
-        JointPosterior { groups, joint, by_rate }
+        JointPosterior { groups, joint, standstill }
     }
 }
 

@@ -16,6 +16,9 @@ const YOUNG: f64 = 25.0;
 /// inspection would follow the wear too late.
 const AFTER_INSPECTION: f64 = 0.7;
 
+/// Least age that counts, in intervals of the baseline.
+const MIN_AGE: f64 = 10.0;
+
 /// A gap is an interval this many times as long as the mean interval between records.
 const GAP: f64 = 5.0;
 
@@ -96,9 +99,9 @@ impl GrowthClock {
         self.inspected = true;
     }
 
-    /// Length of a unit of growth in seconds, under the described load.
-    pub(super) fn unit_s(&self) -> f64 {
-        self.interval_s * unit_length(self.age)
+    /// Age in seconds, at least that of ten intervals.
+    pub(super) fn age_s(&self) -> f64 {
+        self.interval_s * self.age.max(MIN_AGE)
     }
 
     /// Adds the interval before a record at this time to the mean. Returns whether it is a gap.
@@ -167,7 +170,7 @@ mod tests {
     fn a_unit_lengthens_with_the_age() {
         assert_eq!([0.0, 25.0, 50.0, 2500.0].map(unit_length), [1.0, 1.0, 2.0, 100.0]);
         let mut clock = old();
-        assert_eq!(clock.unit_s(), 40.0 * 3600.0);
+        assert_eq!(unit_length(clock.age), 40.0);
         let elapsed = clock.advance(at(1020), 1.5, EXPECTED);
         assert!((elapsed.units - 0.75).abs() < 1e-12 && (elapsed.lengthening - 1.02).abs() < 1e-12);
     }
@@ -177,7 +180,7 @@ mod tests {
         let length_after = |deeper, moving| {
             let mut clock = old();
             clock.advance(at(1001), 1.0, Signs { deeper, moving });
-            clock.unit_s() / 3600.0
+            unit_length(clock.age)
         };
         assert_eq!(length_after(true, true), 1.0);
         assert!(length_after(true, false) > 40.0 && length_after(false, true) > 40.0);
@@ -189,10 +192,10 @@ mod tests {
         // Both gears are measured at one stop.
         clock.inspect();
         clock.inspect();
-        assert!((clock.unit_s() - 28.0 * 3600.0).abs() < 1e-6);
+        assert!((unit_length(clock.age) - 28.0).abs() < 1e-9);
         clock.advance(at(1001), 1.0, EXPECTED);
         clock.inspect();
-        assert!(clock.unit_s() < 20.0 * 3600.0);
+        assert!(unit_length(clock.age) < 20.0);
     }
 
     #[test]

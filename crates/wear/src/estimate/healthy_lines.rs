@@ -85,8 +85,6 @@ pub(super) struct HealthyLines {
     common_movement: Option<CommonMovement>,
     nominal_speed_hz: f64,
     nominal_torque_nm: f64,
-    /// Mean torque of the baseline's records over the nominal one.
-    mean_load: f64,
 }
 
 impl HealthyLines {
@@ -132,14 +130,7 @@ impl HealthyLines {
         let residuals: Vec<(usize, &[f64])> =
             lines.iter().map(|line| (line.index, line.weights.as_slice())).collect();
         let common_movement = if has_torque { None } else { CommonMovement::of(&residuals) };
-        let loads = baseline.points.iter().map(|point| relative(point[1], nominal_torque_nm));
-        let mean_load = loads.sum::<f64>() / baseline.points.len().max(1) as f64;
-        Self { kernels, lines, common_movement, nominal_speed_hz, nominal_torque_nm, mean_load }
-    }
-
-    /// Mean torque of the baseline's records over the nominal one; 1 where none is known.
-    pub(super) fn mean_load(&self) -> f64 {
-        self.mean_load
+        Self { kernels, lines, common_movement, nominal_speed_hz, nominal_torque_nm }
     }
 
     /// Whether a record without its torque has lines that moved as load moves them.

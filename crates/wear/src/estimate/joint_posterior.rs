@@ -9,22 +9,21 @@ pub(super) struct JointPosterior {
     pub(super) groups: usize,
     /// By block of groups, depth and group; the sum is 1.
     pub(super) joint: Vec<f32>,
-    /// By rate and depth; the sum is 1.
-    pub(super) by_rate: Vec<f32>,
+    /// Probability that wear does not grow.
+    pub(super) standstill: f32,
 }
 
 impl JointPosterior {
     /// Mixes in depths by their probability, without growth, with a weight.
     pub(super) fn or_depths(mut self, by_depth: &[f32], weight: f32) -> Self {
-        self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - weight);
+        self.joint.iter_mut().for_each(|p| *p *= 1.0 - weight);
         let each = weight / self.groups as f32;
         for (block, rows) in depths_of(&mut self.joint).iter_mut().enumerate() {
             for (row, depth) in rows.iter_mut().zip(by_depth) {
                 row[..lanes_in(self.groups, block)].iter_mut().for_each(|p| *p += each * depth);
             }
         }
-        // The first rate is that of no growth.
-        self.by_rate.iter_mut().zip(by_depth).for_each(|(p, depth)| *p += weight * depth);
+        self.standstill = weight + (1.0 - weight) * self.standstill;
         self
     }
 
@@ -57,14 +56,13 @@ impl JointPosterior {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::growth::RATES;
 
     #[test]
     fn the_last_reported_depth_has_the_probability_of_all_greater_ones() {
         let mut joint = [[0.0; LANES]; DEPTHS];
         (joint[3][0], joint[REPORTED - 1][0], joint[DEPTHS - 1][1]) = (0.5, 0.125, 0.375);
         let joint = joint.as_flattened().to_vec();
-        let depths = JointPosterior { groups: 2, joint, by_rate: vec![0.0; RATES * DEPTHS] }.by_depth();
+        let depths = JointPosterior { groups: 2, joint, standstill: 0.0 }.by_depth();
         assert_eq!((depths.len(), depths[3], depths[REPORTED - 1]), (REPORTED, 0.5, 0.5));
     }
 
@@ -73,13 +71,11 @@ mod tests {
         let mut joint = [[0.0; LANES]; DEPTHS];
         joint[7][1] = 1.0;
         let joint = joint.as_flattened().to_vec();
-        let mut by_rate = vec![0.0; RATES * DEPTHS];
-        by_rate[2 * DEPTHS + 7] = 1.0;
-        let mixed = JointPosterior { groups: 3, joint, by_rate }.or_depths(&[0.5, 0.5], 0.5);
+        let mixed = JointPosterior { groups: 3, joint, standstill: 0.2 }.or_depths(&[0.5, 0.5], 0.5);
         assert!((sum(&mixed.joint) - 1.0).abs() < 1e-6);
         let depths = mixed.by_depth();
         assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[1] - 0.25).abs() < 1e-6);
         assert!((depths[7] - 0.5).abs() < 1e-6);
-        assert_eq!((mixed.by_rate[0], mixed.by_rate[1], mixed.by_rate[2 * DEPTHS + 7]), (0.25, 0.25, 0.5));
+        assert!((mixed.standstill - 0.6).abs() < 1e-6);
     }
 }

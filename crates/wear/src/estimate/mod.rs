@@ -39,6 +39,7 @@ mod prognosis;
 mod sudden_change;
 mod tracker;
 mod transmission_error;
+mod trend;
 mod wear;
 
 pub use alarm::{

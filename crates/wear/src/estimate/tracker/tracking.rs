@@ -26,8 +26,9 @@ use crate::estimate::likelihood::Likelihood;
 use crate::estimate::line_motion::LineMotion;
 use crate::estimate::measured_lines::MeasuredLines;
 use crate::estimate::novelty::{Novelty, RecordContext, SensorFault, judge};
-use crate::estimate::prognosis::prognosis;
+use crate::estimate::prognosis::Outlook;
 use crate::estimate::sudden_change::SuddenChange;
+use crate::estimate::trend::Trend;
 use crate::estimate::wear::{WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Member};
 use flankwatch_signal::Features;
@@ -76,6 +77,7 @@ pub(super) struct Tracking {
     levels: Levels,
     #[serde(default)]
     sudden: SuddenChange,
+    trend: Trend,
     #[serde(skip)]
     model: CachedModel,
     /// Probability of each group of members after a later inspection, for estimates in hindsight.
@@ -108,6 +110,7 @@ impl Tracking {
         });
         self.disagreeing = 0;
         self.clock.inspect();
+        self.trend.inspect();
         self.sudden.restart();
     }
 
@@ -163,6 +166,7 @@ impl Tracker {
             cusums: Cusums::default(),
             levels: Levels::default(),
             sudden: SuddenChange::default(),
+            trend: Trend::start(ended),
             model: CachedModel::default(),
             hindsight: None,
         }
@@ -308,9 +312,15 @@ impl Tracker {
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
-            // A unit is a time at the described torque; at twice that torque it passes in half the time.
-            let unit_s = tracking.clock.unit_s() / healthy.lines.mean_load();
-            answer.prognosis = prognosis(&posterior.by_rate, self.tracked_um(), limit_um, at, unit_s);
+            let age_s = tracking.clock.age_s();
+            let outlook = Outlook {
+                depths_um: ensemble.depths_um(),
+                by_depth: &by_depth,
+                standstill: posterior.standstill,
+                rates_um_per_day: tracking.trend.rates_um_per_day(age_s),
+                age_s,
+            };
+            answer.prognosis = outlook.prognosis(limit_um, at);
             let above = self.grid.probability_above(&by_depth, limit_um);
             answer.above_limit = hidden_limit_um.is_none().then_some(above);
         }
@@ -394,9 +404,11 @@ impl Tracker {
         if elapsed.jumps == Jumps::InGap {
             tracking.sudden.restart();
         }
-        tracking.sudden.add(measured, &posterior.by_depth());
+        let by_depth = posterior.by_depth();
+        tracking.trend.add(at, self.grid.mean_um(&by_depth), tracking.clock.age_s());
+        tracking.sudden.add(measured, &by_depth);
         // Of the filter itself: hindsight changes the answer, and must not change the filter.
-        let most_um = self.grid.quantile_um(&posterior.by_depth(), DEEPER);
+        let most_um = self.grid.quantile_um(&by_depth, DEEPER);
         let is_deeper = self.grid.reported_um(likelihood.best.1) > most_um;
         tracking.deeper = counted(tracking.deeper, is_deeper);
         posterior
