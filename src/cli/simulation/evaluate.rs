@@ -90,6 +90,9 @@ pub(in crate::cli) struct EvaluateArgs {
     /// error in µm
     #[arg(long, value_name = "UM", requires = "tracked")]
     inspection_um: Option<f64>,
+    /// With --recorded or --leave-one-out: score the forecasts of when wear passes this depth in µm
+    #[arg(long, value_name = "UM", requires = "tracked")]
+    limit_um: Option<f64>,
     /// With --recorded: score the estimates in this JSON file instead of the estimator's
     ///
     /// An object with a list for each run. The list has an element per record: [median, lower end, upper
@@ -120,9 +123,14 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             "--inspection-um is {error_um}, expected a standard error above 0 and up to 10000 µm"
         )));
     }
+    if let Some(limit_um) = args.limit_um.filter(|limit_um| !(*limit_um > 0.0 && *limit_um <= 1e4)) {
+        return Err(CliError::Argument(format!(
+            "--limit-um is {limit_um}, expected a depth above 0 and up to 10000 µm"
+        )));
+    }
     let pair = pair_file::read(args.pair.as_deref())?;
     let ensembles = Ensembles::new(&args.data_dir, args.members);
-    let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um };
+    let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um, limit_um: args.limit_um };
     if let Some(count) = args.leave_one_out {
         let ensemble = ensembles.of(&pair)?;
         if count == 0 || ensemble.members().len() < 2 * ensemble.variants() {

@@ -10,8 +10,9 @@ use serde::Deserialize;
 
 use crate::cli::{CliError, output};
 use crate::evaluation::{
-    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, ScoreAfter,
-    SingleIndicators, follow, follow_together, leave_one_out, look_back, score_run, single_indicators,
+    Answer, ForecastScore, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore,
+    ScoreAfter, SingleIndicators, follow, follow_together, leave_one_out, look_back, score_run,
+    single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -87,9 +88,7 @@ pub(super) fn run(
         }
     }
     let score = |EstimatedRun { name, answers, in_hindsight }: &EstimatedRun| {
-        let records = answers.last().map_or(0, |answer| answer.record + 1);
-        let inspected_at = trial.inspection_um.map(|_| records / 2);
-        let score = score_run(name, answers, BASELINE as usize, inspected_at);
+        let score = score_run(name, answers, BASELINE as usize, trial);
         RunScore { in_hindsight: in_hindsight.clone(), ..score }
     };
     let scores: Vec<RunScore> = estimated.iter().map(score).collect();
@@ -110,6 +109,7 @@ pub(super) fn run(
             ))?;
         }
     }
+    output::print(&forecast_table(&scores))?;
     output::print(&indicator_table(&single))
 }
 
@@ -126,11 +126,11 @@ pub(super) fn run_members(
         .par_iter()
         .map(|(run, others)| {
             let answers = follow(run, others, BASELINE, options);
-            let inspected_at = options.inspection_um.map(|_| run.records.len() / 2);
-            score_run(&run.name, &answers, BASELINE as usize, inspected_at)
+            score_run(&run.name, &answers, BASELINE as usize, options)
         })
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
+    output::print(&forecast_table(&scores))?;
     let all = scores.len().max(1) as f64;
     let mean = |of: fn(&RunScore) -> f64| scores.iter().map(of).sum::<f64>() / all;
     output::print(&format!(
@@ -152,6 +152,42 @@ pub(super) fn run_members(
         ))?;
     }
     Ok(())
+}
+
+/// Formats the scores of forecasts; empty if no run has any.
+fn forecast_table(scores: &[RunScore]) -> String {
+    let scored: Vec<(&str, &ForecastScore)> =
+        scores.iter().filter_map(|score| Some((score.run.as_str(), score.forecasts.as_ref()?))).collect();
+    if scored.is_empty() {
+        return String::new();
+    }
+    let mut text = format!(
+        "\n{:<24} {:>9} {:>8} {:>8} {:>12} {:>15}\n",
+        "time to the limit", "given", "holds", "too late", "median/true", "late end/true"
+    );
+    for (run, score) in &scored {
+        text += &format!(
+            "{run:<24} {:>9} {:>8.3} {:>8.3} {:>12.2} {:>15.1}\n",
+            format!("{}/{}", score.given, score.records),
+            score.holds,
+            score.too_late,
+            score.median_ratio,
+            score.late_ratio,
+        );
+    }
+    let given: usize = scored.iter().map(|(_, score)| score.given).sum();
+    let records: usize = scored.iter().map(|(_, score)| score.records).sum();
+    let pooled = |of: fn(&ForecastScore) -> f64| {
+        let sum: f64 = scored.iter().map(|(_, score)| score.given as f64 * of(score)).sum();
+        sum / given.max(1) as f64
+    };
+    text + &format!(
+        "{:<24} {:>9} {:>8.3} {:>8.3}\n",
+        "all forecasts",
+        format!("{given}/{records}"),
+        pooled(|score| if score.given > 0 { score.holds } else { 0.0 }),
+        pooled(|score| if score.given > 0 { score.too_late } else { 0.0 }),
+    )
 }
 
 /// Formats the results of single indicators on the same runs.
@@ -338,6 +374,7 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
         record,
         truth_um: observation.wear_um,
         wear_um: *wear_um,
+        forecast: None,
         flagged: false,
         sensor_fault: None,
         machine_sign: None,

@@ -4,6 +4,7 @@
 mod bank;
 mod case;
 mod fault;
+mod forecast;
 mod leave_one_out;
 mod recorded;
 mod run;
@@ -20,6 +21,7 @@ use rayon::prelude::*;
 pub use bank::{Bank, BankPlan};
 pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
+pub use forecast::{Forecast, ForecastScore};
 pub use leave_one_out::{LeftOutRun, leave_one_out};
 pub use recorded::{
     Answer, HindsightScore, RecordedRun, RunOptions, RunScore, ScoreAfter, follow, follow_together,

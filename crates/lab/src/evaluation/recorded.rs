@@ -7,6 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::forecast::{Forecast, ForecastScore, score_forecasts};
 use super::median_and_interval;
 use super::run::Observation;
 use super::score::rank_correlation;
@@ -35,6 +36,8 @@ pub struct RunOptions {
     pub gap: usize,
     /// Standard deviation in µm of an inspection half-way through the run.
     pub inspection_um: Option<f64>,
+    /// Limit in µm to which the time is forecast.
+    pub limit_um: Option<f64>,
 }
 
 /// One record's estimate with the truth.
@@ -46,6 +49,8 @@ pub struct Answer {
     pub truth_um: f64,
     /// Median and ends of the 90 % interval in µm, where there is an estimate.
     pub wear_um: Option<[f64; 3]>,
+    /// Forecast of when wear passes the limit, where there is one.
+    pub forecast: Option<Forecast>,
     /// Whether the record was attributed to something other than wear.
     pub flagged: bool,
     /// The fault of the sensor that a flagged record shows, if one is recognised.
@@ -89,6 +94,8 @@ pub struct RunScore {
     pub after: Option<ScoreAfter>,
     /// Scores of the records before the inspection, in hindsight.
     pub in_hindsight: Option<HindsightScore>,
+    /// Scores of the forecasts, if there is a limit that wear passes.
+    pub forecasts: Option<ForecastScore>,
 }
 
 /// Scores of the records from an inspection on.
@@ -125,20 +132,19 @@ pub fn look_back(
         EstimatorSettings { baseline_records: baseline, limit_um: None },
         Some(Arc::clone(ensemble)),
     );
-    let at = |record: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
     let (half, gap) = half_and_gap(run, options);
     let (inspection, observation) = without(run, &gap).find(|(record, _)| *record >= half)?;
-    let event = inspected(at(inspection), observation.wear_um, error_um);
+    let event = inspected(hour(inspection), observation.wear_um, error_um);
     let before = || without(run, &gap).take_while(|(record, _)| *record < inspection);
     let mut steps: Vec<HistoryStep<'_>> = before()
-        .map(|(record, observation)| HistoryStep::Record(at(record), &observation.features))
+        .map(|(record, observation)| HistoryStep::Record(hour(record), &observation.features))
         .collect();
     steps.push(HistoryStep::Event(&event));
     let in_hindsight = tracker.in_hindsight(&steps);
     let mut state = tracker.start();
     let mut both = Vec::new();
     for ((record, observation), later) in before().zip(in_hindsight) {
-        let then = median_and_interval(&tracker.update(&mut state, at(record), &observation.features));
+        let then = median_and_interval(&tracker.update(&mut state, hour(record), &observation.features));
         if let (Some(then), Some(later)) = (then, later.as_ref().and_then(median_and_interval)) {
             both.push((observation.wear_um, [then, later]));
         }
@@ -204,6 +210,7 @@ impl Answer {
             record,
             truth_um,
             wear_um: median_and_interval(&wear),
+            forecast: wear.prognosis.as_ref().map(|prognosis| Forecast::of(prognosis, hour(record))),
             flagged,
             sensor_fault: novelty.and_then(|novelty| novelty.sensor_fault),
             machine_sign: novelty.and_then(|novelty| novelty.machine_sign),
@@ -218,14 +225,14 @@ fn estimates(
     baseline: u32,
     options: RunOptions,
 ) -> Vec<Estimate> {
-    let settings = EstimatorSettings { baseline_records: baseline, limit_um: None };
+    let settings = EstimatorSettings { baseline_records: baseline, limit_um: options.limit_um };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let (half, gap) = half_and_gap(run, options);
     let mut estimates = Vec::with_capacity(run.records.len());
     let mut inspection = options.inspection_um;
     for (record, observation) in without(run, &gap) {
-        let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
+        let at = hour(record);
         if record >= half
             && let Some(error_um) = inspection.take()
         {
@@ -251,8 +258,10 @@ fn without<'a>(
     run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record))
 }
 
-/// Scores the answers of a run after its baseline.
-pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: Option<usize>) -> RunScore {
+/// Scores the answers of a run after its baseline, with an inspection half-way if the options have one.
+pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOptions) -> RunScore {
+    let records = answers.last().map_or(0, |answer| answer.record + 1);
+    let inspected_at = options.inspection_um.map(|_| records / 2);
     let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
     let estimated: Vec<(usize, f64, [f64; 3])> =
         answers.iter().filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?))).collect();
@@ -294,7 +303,13 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
             coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), from),
         }),
         in_hindsight: None,
+        forecasts: options.limit_um.and_then(|limit_um| score_forecasts(&answers, limit_um)),
     }
+}
+
+/// Time of a record, one each hour.
+fn hour(record: usize) -> Timestamp {
+    Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64)
 }
 
 fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent {

@@ -1,0 +1,112 @@
+//! Scores of forecasts of the time to a limit.
+
+use jiff::Timestamp;
+use serde::Serialize;
+
+use super::recorded::Answer;
+use flankwatch_wear::estimate::Prognosis;
+
+/// A forecast of when wear passes the limit, in records from the present one on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Forecast {
+    /// Median.
+    pub median: f64,
+    /// 5 % quantile.
+    pub p05: f64,
+    /// 95 % quantile; absent where it is too far in the future.
+    pub p95: Option<f64>,
+}
+
+impl Forecast {
+    /// Converts a prognosis at a time, for one record per hour.
+    pub(super) fn of(prognosis: &Prognosis, now: Timestamp) -> Self {
+        let records = |time: Timestamp| time.duration_since(now).as_secs_f64() / 3600.0;
+        Self {
+            median: records(prognosis.median),
+            p05: records(prognosis.p05),
+            p95: prognosis.p95.map(records),
+        }
+    }
+}
+
+/// Scores of the forecasts of one run, over the records before wear passes the limit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ForecastScore {
+    /// Records before it.
+    pub records: usize,
+    /// Records with a forecast.
+    pub given: usize,
+    /// Part of the forecasts whose 5 % to 95 % interval contains the passing.
+    pub holds: f64,
+    /// Part of the forecasts whose 5 % quantile is later than the passing.
+    pub too_late: f64,
+    /// Median over the forecasts of the forecast's median over the true time left.
+    pub median_ratio: f64,
+    /// The same of the 95 % quantile, where infinite means absent.
+    pub late_ratio: f64,
+}
+
+/// Scores the forecasts after the baseline; `None` if wear does not pass the limit in the run.
+pub(super) fn score_forecasts(answers: &[&Answer], limit_um: f64) -> Option<ForecastScore> {
+    let passed = answers.iter().find(|answer| answer.truth_um >= limit_um)?.record;
+    // The last record before it leaves no time to compare with.
+    let before: Vec<&&Answer> = answers.iter().take_while(|answer| answer.record + 1 < passed).collect();
+    let given: Vec<(f64, Forecast)> = before
+        .iter()
+        .filter_map(|answer| Some(((passed - answer.record) as f64, answer.forecast?)))
+        .collect();
+    let part = |is: &dyn Fn(&(f64, Forecast)) -> bool| {
+        given.iter().filter(|forecast| is(forecast)).count() as f64 / given.len().max(1) as f64
+    };
+    let median = |of: &dyn Fn(&Forecast) -> f64| {
+        // Wear passes the limit between two records.
+        let mut ratios: Vec<f64> = given.iter().map(|(left, forecast)| of(forecast) / (left - 0.5)).collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    let is_too_late = |(left, forecast): &(f64, Forecast)| forecast.p05 > *left;
+    let is_too_early =
+        |(left, forecast): &(f64, Forecast)| forecast.p95.is_some_and(|late| late < left - 1.0);
+    Some(ForecastScore {
+        records: before.len(),
+        given: given.len(),
+        holds: part(&|forecast| !is_too_late(forecast) && !is_too_early(forecast)),
+        too_late: part(&is_too_late),
+        median_ratio: median(&|forecast| forecast.median),
+        late_ratio: median(&|forecast| forecast.p95.unwrap_or(f64::INFINITY)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer(record: usize, truth_um: f64, forecast: Option<[f64; 3]>) -> Answer {
+        Answer {
+            record,
+            truth_um,
+            wear_um: None,
+            forecast: forecast.map(|[p05, median, p95]| Forecast { median, p05, p95: Some(p95) }),
+            flagged: false,
+            sensor_fault: None,
+            machine_sign: None,
+            reason: String::new(),
+        }
+    }
+
+    #[test]
+    fn forecasts_are_compared_with_the_passing() {
+        // Wear passes 100 µm between the records 7 and 8.
+        let forecasts = [None, Some([1.0, 3.25, 9.0]), Some([6.0, 7.0, 8.0]), Some([0.5, 1.0, 2.0])];
+        let answers: Vec<Answer> = (4..)
+            .zip(forecasts)
+            .map(|(record, forecast)| answer(record, 10.0 * record as f64, forecast))
+            .chain([answer(8, 100.0, None)])
+            .collect();
+        let score = score_forecasts(&answers.iter().collect::<Vec<_>>(), 100.0).unwrap();
+        // Record 7 is the last one before.
+        assert_eq!((score.records, score.given, score.holds, score.too_late), (3, 2, 0.5, 0.5));
+        assert_eq!(score.median_ratio, 7.0 / 1.5);
+        assert_eq!(score_forecasts(&answers.iter().collect::<Vec<_>>(), 101.0), None);
+    }
+}
