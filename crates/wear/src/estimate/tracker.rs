@@ -214,6 +214,8 @@ impl Tracker {
 #[cfg(test)]
 mod event_tests;
 #[cfg(test)]
+mod forecast_tests;
+#[cfg(test)]
 mod load_tests;
 #[cfg(test)]
 mod long_life_tests;

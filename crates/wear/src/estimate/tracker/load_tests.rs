@@ -35,25 +35,3 @@ fn a_sudden_change_proves_no_wear_unless_the_torque_is_known() {
     assert!(with.low_um.unwrap() > 30.0, "{}", with.reason);
     assert!(!with.reason.contains("changed suddenly"), "{}", with.reason);
 }
-
-/// By the load mapping, lines at half the torque show half the depth, so the wear grows half as fast.
-#[test]
-fn the_forecast_takes_the_torque_into_account() {
-    let library = Arc::new(synthetic_library());
-    let rate_at = |torque: f64| {
-        let tracker = tracker(&library);
-        let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let mut state = tracker.start();
-        let mut last = None;
-        for record in 0..NEED + 120 {
-            let um = 1.2 * f64::from(record.saturating_sub(NEED));
-            let mut features = seen(&library, um, 0.05, &mut rng);
-            features.operating_point.torque_nm = Some(torque * library.pair().operation.torque_nm);
-            let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record.into());
-            last = Some(tracker.update(&mut state, at, &features));
-        }
-        last.unwrap().prognosis.unwrap().rate_um_per_day
-    };
-    let (whole, half) = (rate_at(1.0), rate_at(0.5));
-    assert!(half < 0.7 * whole, "{half} of {whole} µm a day");
-}
