@@ -3,7 +3,6 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
-use super::recorded::Answer;
 use flankwatch_wear::estimate::Prognosis;
 
 /// A forecast of when wear passes the limit, in records from the present one on.
@@ -46,14 +45,17 @@ pub struct ForecastScore {
     pub late_ratio: f64,
 }
 
-/// Scores the forecasts after the baseline; `None` if wear does not pass the limit in the run.
-pub(super) fn score_forecasts(answers: &[&Answer], limit_um: f64) -> Option<ForecastScore> {
-    let passed = answers.iter().find(|answer| answer.truth_um >= limit_um)?.record;
+/// A record after the baseline: its index, the true depth in µm, and the forecast, where there is one.
+pub(super) type ForecastRecord = (usize, f64, Option<Forecast>);
+
+/// Scores the forecasts of a run; `None` if wear does not pass the limit in it.
+pub(super) fn score_forecasts(records: &[ForecastRecord], limit_um: f64) -> Option<ForecastScore> {
+    let (passed, ..) = *records.iter().find(|(_, truth_um, _)| *truth_um >= limit_um)?;
     // The last record before it leaves no time to compare with.
-    let before: Vec<&&Answer> = answers.iter().take_while(|answer| answer.record + 1 < passed).collect();
+    let before = records.iter().take_while(|(record, ..)| record + 1 < passed);
     let given: Vec<(f64, Forecast)> = before
-        .iter()
-        .filter_map(|answer| Some(((passed - answer.record) as f64, answer.forecast?)))
+        .clone()
+        .filter_map(|(record, _, forecast)| Some(((passed - record) as f64, (*forecast)?)))
         .collect();
     let part = |is: &dyn Fn(&(f64, Forecast)) -> bool| {
         given.iter().filter(|forecast| is(forecast)).count() as f64 / given.len().max(1) as f64
@@ -68,7 +70,7 @@ pub(super) fn score_forecasts(answers: &[&Answer], limit_um: f64) -> Option<Fore
     let is_too_early =
         |(left, forecast): &(f64, Forecast)| forecast.p95.is_some_and(|late| late < left - 1.0);
     Some(ForecastScore {
-        records: before.len(),
+        records: before.count(),
         given: given.len(),
         holds: part(&|forecast| !is_too_late(forecast) && !is_too_early(forecast)),
         too_late: part(&is_too_late),
@@ -81,32 +83,20 @@ pub(super) fn score_forecasts(answers: &[&Answer], limit_um: f64) -> Option<Fore
 mod tests {
     use super::*;
 
-    fn answer(record: usize, truth_um: f64, forecast: Option<[f64; 3]>) -> Answer {
-        Answer {
-            record,
-            truth_um,
-            wear_um: None,
-            forecast: forecast.map(|[p05, median, p95]| Forecast { median, p05, p95: Some(p95) }),
-            flagged: false,
-            sensor_fault: None,
-            machine_sign: None,
-            reason: String::new(),
-        }
-    }
-
     #[test]
     fn forecasts_are_compared_with_the_passing() {
         // Wear passes 100 µm between the records 7 and 8.
         let forecasts = [None, Some([1.0, 3.25, 9.0]), Some([6.0, 7.0, 8.0]), Some([0.5, 1.0, 2.0])];
-        let answers: Vec<Answer> = (4..)
+        let forecast = |[p05, median, p95]: [f64; 3]| Forecast { median, p05, p95: Some(p95) };
+        let records: Vec<ForecastRecord> = (4..)
             .zip(forecasts)
-            .map(|(record, forecast)| answer(record, 10.0 * record as f64, forecast))
-            .chain([answer(8, 100.0, None)])
+            .map(|(record, values)| (record, 10.0 * record as f64, values.map(forecast)))
+            .chain([(8, 100.0, None)])
             .collect();
-        let score = score_forecasts(&answers.iter().collect::<Vec<_>>(), 100.0).unwrap();
+        let score = score_forecasts(&records, 100.0).unwrap();
         // Record 7 is the last one before.
         assert_eq!((score.records, score.given, score.holds, score.too_late), (3, 2, 0.5, 0.5));
         assert_eq!(score.median_ratio, 7.0 / 1.5);
-        assert_eq!(score_forecasts(&answers.iter().collect::<Vec<_>>(), 101.0), None);
+        assert_eq!(score_forecasts(&records, 101.0), None);
     }
 }

@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::forecast::{Forecast, ForecastScore, score_forecasts};
+use super::forecast::{Forecast, ForecastRecord, ForecastScore, score_forecasts};
 use super::median_and_interval;
 use super::run::Observation;
 use super::score::rank_correlation;
@@ -283,6 +283,8 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOp
         .collect();
     let pairs: Vec<(f64, f64)> = estimated.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
     let flagged = answers.iter().filter(|answer| answer.flagged).count();
+    let forecasts: Vec<ForecastRecord> =
+        answers.iter().map(|answer| (answer.record, answer.truth_um, answer.forecast)).collect();
     RunScore {
         run: name.to_owned(),
         records: answers.len(),
@@ -303,7 +305,7 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOp
             coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), from),
         }),
         in_hindsight: None,
-        forecasts: options.limit_um.and_then(|limit_um| score_forecasts(&answers, limit_um)),
+        forecasts: options.limit_um.and_then(|limit_um| score_forecasts(&forecasts, limit_um)),
     }
 }
 
