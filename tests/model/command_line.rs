@@ -287,10 +287,17 @@ fn a_simulated_run_is_scored() {
     let folder = tempfile::tempdir().unwrap();
     let (run, data) = (path(&folder, "run.wav"), path(&folder, "data"));
     flankwatch(&["simulate", "--out", &run, "--records", "24", "--seconds", "0.5"]).expect_success();
-    let scores = flankwatch(&["evaluate", "--recorded", &run, "--members", "8", "--data-dir", &data]);
-    let table = scores.expect_success().out();
+    let evaluate = |limit_um: &str| {
+        let arguments = ["evaluate", "--recorded", &run, "--members", "8", "--data-dir", &data, "--limit-um"];
+        flankwatch(&[&arguments[..], &[limit_um]].concat())
+    };
+    let table = evaluate("240").expect_success().out();
     let row = table.lines().find(|line| line.starts_with("run.wav")).expect(&table);
     assert!(row.contains("/4 "), "four records follow the baseline: {row}");
+    let forecasts =
+        table.lines().skip_while(|line| !line.starts_with("time to the limit")).nth(1).expect(&table);
+    assert!(forecasts.contains("/2 "), "wear passes the limit with the last record: {forecasts}");
+    evaluate("0").expect_failure(&["--limit-um is 0", "expected a depth above 0"]);
 }
 
 #[test]
