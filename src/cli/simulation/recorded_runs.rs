@@ -165,29 +165,25 @@ fn forecast_table(scores: &[RunScore]) -> String {
         "\n{:<24} {:>9} {:>8} {:>8} {:>12} {:>15}\n",
         "time to the limit", "given", "holds", "too late", "median/true", "late end/true"
     );
+    let or_dash = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    let counts = |[given, records, holding, too_late]: [usize; 4]| {
+        let part = |count: usize| or_dash((given > 0).then(|| count as f64 / given as f64), 3);
+        format!("{:>9} {:>8} {:>8}", format!("{given}/{records}"), part(holding), part(too_late))
+    };
+    let of = |score: &ForecastScore| [score.given, score.records, score.holding, score.too_late];
+    let mut all = [0; 4];
     for (run, score) in &scored {
+        all.iter_mut().zip(of(score)).for_each(|(sum, count)| *sum += count);
         text += &format!(
-            "{run:<24} {:>9} {:>8.3} {:>8.3} {:>12.2} {:>15.1}\n",
-            format!("{}/{}", score.given, score.records),
-            score.holds,
-            score.too_late,
-            score.median_ratio,
-            score.late_ratio,
+            "{run:<24} {} {:>12} {:>15}\n",
+            counts(of(score)),
+            or_dash(score.median_ratio, 2),
+            or_dash(score.late_ratio, 1),
         );
     }
-    let given: usize = scored.iter().map(|(_, score)| score.given).sum();
-    let records: usize = scored.iter().map(|(_, score)| score.records).sum();
-    let pooled = |of: fn(&ForecastScore) -> f64| {
-        let sum: f64 = scored.iter().map(|(_, score)| score.given as f64 * of(score)).sum();
-        sum / given.max(1) as f64
-    };
-    text + &format!(
-        "{:<24} {:>9} {:>8.3} {:>8.3}\n",
-        "all forecasts",
-        format!("{given}/{records}"),
-        pooled(|score| if score.given > 0 { score.holds } else { 0.0 }),
-        pooled(|score| if score.given > 0 { score.too_late } else { 0.0 }),
-    )
+    text + &format!("{:<24} {}\n", "all forecasts", counts(all))
 }
 
 /// Formats the results of single indicators on the same runs.

@@ -35,14 +35,14 @@ pub struct ForecastScore {
     pub records: usize,
     /// Records with a forecast.
     pub given: usize,
-    /// Part of the forecasts whose 5 % to 95 % interval contains the passing.
-    pub holds: f64,
-    /// Part of the forecasts whose 5 % quantile is later than the passing.
-    pub too_late: f64,
+    /// Forecasts whose 5 % to 95 % interval contains the passing.
+    pub holding: usize,
+    /// Forecasts whose 5 % quantile is later than the passing.
+    pub too_late: usize,
     /// Median over the forecasts of the forecast's median over the true time left.
-    pub median_ratio: f64,
-    /// The same of the 95 % quantile, where infinite means absent.
-    pub late_ratio: f64,
+    pub median_ratio: Option<f64>,
+    /// The same of the 95 % quantile, infinite where that is absent.
+    pub late_ratio: Option<f64>,
 }
 
 /// A record after the baseline: its index, the true depth in µm, and the forecast, where there is one.
@@ -57,14 +57,11 @@ pub(super) fn score_forecasts(records: &[ForecastRecord], limit_um: f64) -> Opti
         .clone()
         .filter_map(|(record, _, forecast)| Some(((passed - record) as f64, (*forecast)?)))
         .collect();
-    let part = |is: &dyn Fn(&(f64, Forecast)) -> bool| {
-        given.iter().filter(|forecast| is(forecast)).count() as f64 / given.len().max(1) as f64
-    };
     let median = |of: &dyn Fn(&Forecast) -> f64| {
         // Wear passes the limit between two records.
         let mut ratios: Vec<f64> = given.iter().map(|(left, forecast)| of(forecast) / (left - 0.5)).collect();
         ratios.sort_by(f64::total_cmp);
-        ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN)
+        ratios.get(ratios.len() / 2).copied()
     };
     let is_too_late = |(left, forecast): &(f64, Forecast)| forecast.p05 > *left;
     let is_too_early =
@@ -72,8 +69,8 @@ pub(super) fn score_forecasts(records: &[ForecastRecord], limit_um: f64) -> Opti
     Some(ForecastScore {
         records: before.count(),
         given: given.len(),
-        holds: part(&|forecast| !is_too_late(forecast) && !is_too_early(forecast)),
-        too_late: part(&is_too_late),
+        holding: given.iter().filter(|forecast| !is_too_late(forecast) && !is_too_early(forecast)).count(),
+        too_late: given.iter().filter(|forecast| is_too_late(forecast)).count(),
         median_ratio: median(&|forecast| forecast.median),
         late_ratio: median(&|forecast| forecast.p95.unwrap_or(f64::INFINITY)),
     })
@@ -88,15 +85,15 @@ mod tests {
         // Wear passes 100 µm between the records 7 and 8.
         let forecasts = [None, Some([1.0, 3.25, 9.0]), Some([6.0, 7.0, 8.0]), Some([0.5, 1.0, 2.0])];
         let forecast = |[p05, median, p95]: [f64; 3]| Forecast { median, p05, p95: Some(p95) };
-        let records: Vec<ForecastRecord> = (4..)
-            .zip(forecasts)
-            .map(|(record, values)| (record, 10.0 * record as f64, values.map(forecast)))
-            .chain([(8, 100.0, None)])
-            .collect();
+        let at = |index: usize| forecasts[index].map(forecast);
+        let records =
+            [(4, 40.0, at(0)), (5, 50.0, at(1)), (6, 60.0, at(2)), (7, 70.0, at(3)), (8, 100.0, None)];
         let score = score_forecasts(&records, 100.0).unwrap();
         // Record 7 is the last one before.
-        assert_eq!((score.records, score.given, score.holds, score.too_late), (3, 2, 0.5, 0.5));
-        assert_eq!(score.median_ratio, 7.0 / 1.5);
+        assert_eq!((score.records, score.given, score.holding, score.too_late), (3, 2, 1, 1));
+        assert_eq!(score.median_ratio, Some(7.0 / 1.5));
         assert_eq!(score_forecasts(&records, 101.0), None);
+        let without = score_forecasts(&records.map(|(record, um, _)| (record, um, None)), 100.0).unwrap();
+        assert_eq!((without.given, without.median_ratio), (0, None));
     }
 }

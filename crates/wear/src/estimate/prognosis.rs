@@ -3,6 +3,8 @@
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 
+use super::trend::SECONDS_PER_DAY;
+
 /// No prognosis is made while "no growth" has more than this probability, or the median depth is below this
 /// part of the library's end.
 const MAX_STANDSTILL: f32 = 0.5;
@@ -119,8 +121,6 @@ impl Outlook<'_> {
         self.depths_um.iter().zip(self.by_depth).find(at_median).map(|(um, _)| *um)
     }
 }
-
-const SECONDS_PER_DAY: f64 = 86_400.0;
 
 #[cfg(test)]
 mod tests {

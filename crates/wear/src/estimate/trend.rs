@@ -3,6 +3,8 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+pub(super) const SECONDS_PER_DAY: f64 = 86_400.0;
+
 /// Lengths of the two windows in parts of the machine's age. The long one has less scatter; the short one
 /// follows wear that begins or speeds up.
 const WINDOW_PARTS: [f64; 2] = [0.5, 0.1];
@@ -73,8 +75,6 @@ impl Trend {
         (long * window_days > LEAST_GROWTH * self.mean_um).then(|| [long, short.max(LEAST_SHORT * long)])
     }
 }
-
-const SECONDS_PER_DAY: f64 = 86_400.0;
 
 impl Window {
     fn rescale(&mut self, factor: f64) {
