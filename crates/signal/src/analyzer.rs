@@ -5,6 +5,7 @@ use smol_str::format_smolstr;
 use super::band::Band;
 use super::by_name::ByName;
 use super::checks::{insert_checks, insert_shaft_lines};
+use super::comb::HARMONICS;
 use super::faults::fault;
 use super::features::{Extent, Features};
 use super::indicators::Indicators;
@@ -25,9 +26,6 @@ use super::velocity::{VELOCITY_RMS, velocity_rms};
 /// Buffers of records longer than this are freed after use, so that one long record does not hold memory
 /// forever.
 const MAX_RETAINED_SAMPLES: usize = 1 << 22;
-
-/// Number of mesh harmonics among the features.
-const FEATURE_HARMONICS: usize = 16;
 
 /// Room for the indicators beside those of the mesh harmonics and of bands.
 const INDICATORS_BESIDE_HARMONICS: usize = 22;
@@ -227,7 +225,7 @@ impl Analyzer {
         if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
             let speed_mesh =
                 Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
-            let harmonics = self.settings.harmonics.max(FEATURE_HARMONICS);
+            let harmonics = self.settings.harmonics.max(HARMONICS);
             let compensated = compensate(work, speed_mesh, harmonics);
             if let (Some(compensated), Some(found)) = (&compensated, &mut speed)
                 && found.source == SpeedSource::MeshComb

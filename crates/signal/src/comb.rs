@@ -6,6 +6,9 @@ pub(super) const SHAFT_RESOLVED_BINS: f64 = 8.0;
 /// Fewest bins from zero to the mesh frequency and between harmonics.
 pub(super) const MESH_RESOLVED_BINS: f64 = 4.0;
 
+/// Number of harmonics in which a mesh is searched and read.
+pub(super) const HARMONICS: usize = 16;
+
 /// A detected comb.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MeshComb {

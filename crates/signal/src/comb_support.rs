@@ -2,13 +2,11 @@
 
 use smallvec::SmallVec;
 
-use super::comb::SHAFT_RESOLVED_BINS;
+use super::comb::{HARMONICS, SHAFT_RESOLVED_BINS};
 use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_context::MeshContext;
+use super::smeared_comb::{MIN_LIKELIHOOD, SmearedLines};
 use super::sums::mean_of;
-
-/// Number of harmonics examined.
-const ORDERS: usize = 10;
 
 /// Fewest times that a line exceeds the neighbouring noise: noise alone does so in one bin of e¹⁶ = 9
 /// million.
@@ -106,6 +104,9 @@ struct Lines<'a> {
 }
 
 /// Computes the support of the comb with this mesh frequency by the lines of `amplitude`.
+///
+/// If the narrow lines leave a doubt, the speed may fluctuate: the support by smeared lines is returned if it
+/// has none.
 pub(super) fn support(
     amplitude: &[f64],
     mesh: f64,
@@ -113,27 +114,23 @@ pub(super) fn support(
     scratch: &mut Vec<f64>,
     log_ratios: &mut Vec<f64>,
 ) -> Support {
-    let sought = (1..=ORDERS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
-    let top = ((ORDERS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
+    let sought =
+        (1..=HARMONICS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
+    let top = ((HARMONICS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
     let mut lines = Lines::of(&amplitude[..=top], scratch, log_ratios);
     lines.exclude_other_meshes(mesh, context);
-    let found = (1..=sought).filter(|order| lines.at(f64::from(*order) * mesh) > 0.0).count() as u32;
-    let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
-    let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
-        // There is no noise to read between the sidebands.
-        None
-    } else if let Some(other) = lines.other_mesh(mesh, sought) {
-        Some(CombDoubt::OtherMesh(other))
-    } else if found < MIN_HARMONICS {
-        Some(CombDoubt::FewHarmonics)
-    } else {
-        lines.other_shaft(mesh, context).map(CombDoubt::OtherShaft)
-    };
-    let reading = match doubt {
-        Some(CombDoubt::OtherMesh(other)) => Some(lines.reading(other)),
-        _ => None,
-    };
-    Support { found, sought, doubt, reading }
+    let narrow = lines.support(mesh, sought, context);
+    if !matches!(narrow.doubt, Some(CombDoubt::FewHarmonics | CombDoubt::OtherMesh(_))) {
+        return narrow;
+    }
+    let smeared = SmearedLines::of(&amplitude[..=top], scratch);
+    if !smeared.has_comb(mesh, sought as usize) {
+        return narrow;
+    }
+    lines.add(&smeared);
+    lines.exclude_other_meshes(mesh, context);
+    let with_smeared = lines.support(mesh, sought, context);
+    if with_smeared.doubt.is_none() { with_smeared } else { narrow }
 }
 
 fn highest(amplitude: &[f64]) -> f64 {
@@ -194,6 +191,38 @@ impl<'a> Lines<'a> {
         Self { log_ratios, chance }
     }
 
+    /// Adds lines that a fluctuating speed smears.
+    fn add(&mut self, smeared: &SmearedLines) {
+        for (bin, log_ratio) in self.log_ratios.iter_mut().enumerate() {
+            let likelihood = smeared.at(bin as f64);
+            if likelihood >= MIN_LIKELIHOOD {
+                *log_ratio = log_ratio.max(likelihood.min(MAX_LINE_RATIO).ln());
+            }
+        }
+        self.chance = MISSING_LINE_PENALTY + mean_of(self.log_ratios, |log_ratio| *log_ratio);
+    }
+
+    /// Returns the support of the comb with this mesh frequency.
+    fn support(&self, mesh: f64, sought: u32, context: &MeshContext) -> Support {
+        let found = (1..=sought).filter(|order| self.at(f64::from(*order) * mesh) > 0.0).count() as u32;
+        let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
+        let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
+            // There is no noise to read between the sidebands.
+            None
+        } else if let Some(other) = self.other_mesh(mesh, sought) {
+            Some(CombDoubt::OtherMesh(other))
+        } else if found < MIN_HARMONICS {
+            Some(CombDoubt::FewHarmonics)
+        } else {
+            self.other_shaft(mesh, context).map(CombDoubt::OtherShaft)
+        };
+        let reading = match doubt {
+            Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
+            _ => None,
+        };
+        Support { found, sought, doubt, reading }
+    }
+
     /// Excludes the lines of the other configured meshes.
     fn exclude_other_meshes(&mut self, mesh: f64, context: &MeshContext) {
         if context.others.is_empty() {
@@ -226,7 +255,7 @@ impl<'a> Lines<'a> {
     /// Returns the mesh frequency that fits more of the lines than this one, if any.
     fn other_mesh(&self, mesh: f64, sought: u32) -> Option<f64> {
         // One step moves the highest harmonic by less than a line's reach.
-        let step = (REACH_BINS / ORDERS as f64).max(REACH_FRACTION * mesh);
+        let step = (REACH_BINS / HARMONICS as f64).max(REACH_FRACTION * mesh);
         let steps = ((OTHER_MESH_RANGE[1] - OTHER_MESH_RANGE[0]) * mesh / step) as usize;
         let best = (0..=steps)
             .map(|k| OTHER_MESH_RANGE[0] * mesh + k as f64 * step)
@@ -375,7 +404,7 @@ mod tests {
             comb(MESH).take(4).chain(shaft_lines(shaft)).collect(),
         ] {
             let support = support_of(MESH, positions.iter().copied(), &context());
-            assert_eq!((support.doubt, support.sought), (None, 10), "{positions:?}");
+            assert_eq!((support.doubt, support.sought), (None, 16), "{positions:?}");
             assert!(support.found >= 4, "{support:?}");
         }
     }

@@ -7,6 +7,7 @@ use flankwatch_fourier::{Complex, FftDirection};
 use pulp::{Arch, Simd, WithSimd};
 use smallvec::SmallVec;
 
+use super::comb;
 use super::phases::{add_phase_steps, phases_of};
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::sums::mean_of;
@@ -14,9 +15,6 @@ use super::transform::Transforms;
 
 /// Number of harmonics tried; the one that promises the most accurate angle is used.
 const HARMONICS: u32 = 5;
-
-/// Number of harmonics tried if the speed fluctuation is known roughly.
-const HARMONICS_WITH_ESTIMATE: u32 = 10;
 
 /// Half-width of the band around a line of known frequency, in shaft rates: just short of the first
 /// sidebands.
@@ -90,7 +88,7 @@ impl MeshBand<'_> {
         transforms: &mut Transforms,
     ) -> Option<ShaftAngle> {
         let shaft_hz = self.mesh_hz / f64::from(self.teeth);
-        let begun = (1..=HARMONICS_WITH_ESTIMATE).filter_map(|harmonic| {
+        let begun = (1..=comb::HARMONICS as u32).filter_map(|harmonic| {
             let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
             self.begin(harmonic, reach_hz, Some(ahead_periods), transforms)
         });
@@ -256,7 +254,7 @@ fn analytic_length(first: usize, last: usize) -> usize {
 }
 
 /// The harmonics that are tracked.
-type TrackedHarmonics = SmallVec<[TrackedHarmonic; HARMONICS_WITH_ESTIMATE as usize]>;
+type TrackedHarmonics = SmallVec<[TrackedHarmonic; comb::HARMONICS]>;
 
 /// A harmonic that is tracked, and its phase.
 struct TrackedHarmonic {

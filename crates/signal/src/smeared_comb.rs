@@ -2,118 +2,179 @@
 //! bins.
 //!
 //! A line smeared over many bins exceeds the noise in none of them, but its energy over the width of the
-//! smear does. For each candidate, the energy in a window around each harmonic, with a width proportional to
-//! the harmonic's frequency, is compared with the noise beside it.
+//! smear does. Around each bin, the energy in windows with widths proportional to the frequency is compared
+//! with the noise there.
 
-use super::comb::MeshComb;
-use super::line::{fits, noise_amplitude};
-
-/// Number of harmonics examined.
-const ORDERS: usize = 10;
+use super::comb::{HARMONICS, MeshComb};
+use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 
 /// Half-widths of the windows as fractions of the frequency: speed fluctuations within a record.
-const HALF_WIDTHS: [f64; 3] = [0.0015, 0.003, 0.006];
+const HALF_WIDTHS: [f64; 4] = [0.0015, 0.003, 0.006, 0.012];
 
-/// Spacing of candidates in half-widths.
-const STEP: f64 = 0.5;
+/// Spacing of candidates as a fraction of the frequency.
+const STEP: f64 = 0.5 * HALF_WIDTHS[0];
 
-/// Range of the noise bins beside a window, in half-widths, and their minimum number.
-const NOISE_RANGE: [f64; 2] = [1.5, 5.0];
-const MIN_NOISE_BINS: f64 = 32.0;
+/// The noise is the median over this fraction of the frequency, at least this many bins: smeared lines fill
+/// less than half of that.
+const NOISE_WIDTH: f64 = 0.06;
+const MIN_NOISE_BINS: usize = 64;
+
+/// Lowest noise relative to the highest line: a record with hardly any noise has the skirts of lines there.
+const NOISE_FLOOR: f64 = 1e-3;
 
 /// Bins of a Hann spectrum per statistically independent one.
 const BINS_PER_DEGREE: f64 = 1.5;
 
-/// Largest contribution of one harmonic to the logarithm of a comb's likelihood ratio: one line is no comb.
-const MAX_HARMONIC_LIKELIHOOD: f64 = 12.0;
+/// A smeared line raises more than half of the bins in its window above this multiple of the noise's median
+/// (mean square). A few lines of something else do not.
+const MIN_TYPICAL_RATIO: f64 = 1.2;
+
+/// Largest contribution of one harmonic to the logarithm of a comb's likelihood ratio: one line alone is not a
+/// comb.
+const MAX_LIKELIHOOD: f64 = 12.0;
+
+/// From this logarithm of the likelihood ratio on, a line stands out.
+pub(super) const MIN_LIKELIHOOD: f64 = 4.0;
 
 /// Smallest sum for a comb: white noise exceeds it in fewer than one of a thousand records.
-const MIN_SUM: f64 = 30.0;
+const MIN_SUM: f64 = 32.0;
 
-/// This many harmonics must exceed this logarithm by themselves.
+/// This many harmonics must stand out.
 const MIN_HARMONICS: usize = 2;
-const MIN_HARMONIC_LIKELIHOOD: f64 = 4.0;
+
+/// The evidence for smeared lines in a spectrum.
+pub(super) struct SmearedLines {
+    /// For each bin the logarithm of the likelihood ratio of a line smeared around it to noise, for the width
+    /// that fits best.
+    likelihoods: Vec<f64>,
+    /// For each bin the mean square of the noise.
+    noise: Vec<f64>,
+}
+
+impl SmearedLines {
+    /// Examines a spectrum.
+    pub(super) fn of(amplitude: &[f64], scratch: &mut Vec<f64>) -> Self {
+        let noise = noise_of(amplitude, scratch);
+        // Sums over all bins below each one, of energy and of the number of bins that are raised.
+        let (mut energy, mut raised) = (vec![0.0], vec![0_u32]);
+        let level = MIN_TYPICAL_RATIO * MEDIAN_OF_NOISE * MEDIAN_OF_NOISE;
+        for (a, noise) in amplitude.iter().zip(&noise) {
+            energy.push(energy[energy.len() - 1] + a * a);
+            raised.push(raised[raised.len() - 1] + u32::from(a * a > level * noise));
+        }
+        let likelihood = |bin: usize, part: &f64| {
+            let (first, last) = window(bin as f64, *part);
+            if last >= amplitude.len() || noise[bin] <= 0.0 {
+                return 0.0;
+            }
+            let count = last + 1 - first;
+            let is_filled = 2 * (raised[last + 1] - raised[first]) as usize > count;
+            let ratio = (energy[last + 1] - energy[first]) / (count as f64 * noise[bin]);
+            // The squares of n bins of noise are exponential with mean b². For a mean of r·b² the logarithm of
+            // the likelihood ratio is n(r − 1 − ln r).
+            if is_filled && ratio > 1.0 {
+                count as f64 / BINS_PER_DEGREE * (ratio - 1.0 - ratio.ln())
+            } else {
+                0.0
+            }
+        };
+        let best = |bin| HALF_WIDTHS.iter().map(|part| likelihood(bin, part)).fold(0.0, f64::max);
+        let likelihoods = (0..amplitude.len()).map(best).collect();
+        Self { likelihoods, noise }
+    }
+
+    /// Returns the logarithm of the likelihood ratio of a line at this position to noise.
+    pub(super) fn at(&self, position: f64) -> f64 {
+        self.likelihoods.get((position + 0.5) as usize).copied().unwrap_or(0.0)
+    }
+
+    /// Returns whether the harmonics of a mesh are together more than white noise gives.
+    pub(super) fn has_comb(&self, mesh: f64, orders: usize) -> bool {
+        let mut detected = 0;
+        let sum: f64 = (1..=orders)
+            .map(|order| {
+                let likelihood = self.at(order as f64 * mesh);
+                detected += usize::from(likelihood > MIN_LIKELIHOOD);
+                likelihood.min(MAX_LIKELIHOOD)
+            })
+            .sum();
+        detected >= MIN_HARMONICS && sum > MIN_SUM
+    }
+
+    /// Returns the sum by which candidates are compared: a harmonic's likelihood, above 12 by its logarithm.
+    fn rank(&self, mesh: f64, orders: usize) -> f64 {
+        let compressed = |likelihood: f64| {
+            likelihood.min(MAX_LIKELIHOOD) * (1.0 + (likelihood / MAX_LIKELIHOOD).max(1.0).ln())
+        };
+        (1..=orders).map(|order| compressed(self.at(order as f64 * mesh))).sum()
+    }
+
+    /// Returns the comb at the mean of its lines' centres of energy, weighted by their contributions.
+    fn refined(&self, amplitude: &[f64], mesh: f64, orders: usize) -> MeshComb {
+        let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
+        for order in (1..=orders).map(|order| order as f64) {
+            let position = order * mesh;
+            let likelihood = self.at(position).min(MAX_LIKELIHOOD);
+            let (first, last) = window(position, HALF_WIDTHS[1]);
+            let (mut energy, mut moment) = (0.0, 0.0);
+            for bin in first..=last.min(self.noise.len() - 1) {
+                let above = (amplitude[bin] * amplitude[bin] - self.noise[bin]).max(0.0);
+                energy += above;
+                moment += above * bin as f64;
+            }
+            squares += energy / self.noise[(position as usize).min(self.noise.len() - 1)];
+            if likelihood > MIN_LIKELIHOOD && energy > 0.0 {
+                weights += likelihood;
+                weighted += likelihood * moment / energy / order;
+            }
+        }
+        MeshComb {
+            mesh: if weights > 0.0 { weighted / weights } else { mesh },
+            to_background: (squares / orders as f64).sqrt(),
+        }
+    }
+}
+
+/// Returns the first and last bin of the window around a position.
+fn window(position: f64, part: f64) -> (usize, usize) {
+    let half = (part * position).max(1.0);
+    ((position - half).round().max(0.0) as usize, (position + half).round() as usize)
+}
+
+/// Returns the mean square of the noise at each bin.
+fn noise_of(amplitude: &[f64], scratch: &mut Vec<f64>) -> Vec<f64> {
+    let floor = NOISE_FLOOR * amplitude.iter().copied().fold(0.0, f64::max);
+    let mut noise = Vec::with_capacity(amplitude.len());
+    while noise.len() < amplitude.len() {
+        let start = noise.len();
+        let half = MIN_NOISE_BINS.max((NOISE_WIDTH * start as f64) as usize) / 2;
+        let end = (start + half).min(amplitude.len());
+        let around = start.saturating_sub(half / 2)..(end + half / 2).min(amplitude.len());
+        scratch.clear();
+        scratch.extend_from_slice(&amplitude[around]);
+        let typical = noise_amplitude(scratch).unwrap_or(0.0).max(floor);
+        noise.resize(end, typical * typical);
+    }
+    noise
+}
 
 /// Searches the comb h·f with f from `low` to `high` bins.
+///
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
-    let orders = (1..=ORDERS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
+    let orders =
+        (1..=HARMONICS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
     if orders < MIN_HARMONICS {
         return None;
     }
-    let mut best: Option<(f64, f64, f64)> = None;
-    for part in HALF_WIDTHS {
-        let ratio = 1.0 + STEP * part;
-        let mut mesh = low;
-        while mesh <= high {
-            let harmonics =
-                (1..=orders).filter_map(|order| harmonic(amplitude, order as f64 * mesh, part, scratch));
-            let (mut sum, mut detected) = (0.0, 0);
-            for (likelihood, _) in harmonics {
-                sum += likelihood.min(MAX_HARMONIC_LIKELIHOOD);
-                detected += usize::from(likelihood > MIN_HARMONIC_LIKELIHOOD);
-            }
-            if detected >= MIN_HARMONICS && sum > best.map_or(MIN_SUM, |(sum, ..)| sum) {
-                best = Some((sum, mesh, part));
-            }
-            mesh *= ratio;
-        }
-    }
-    let (_, mesh, part) = best?;
-    Some(refined(amplitude, mesh, part, orders, scratch))
-}
-
-/// Returns the contribution of one harmonic to the logarithm of the likelihood ratio, and the noise's mean
-/// square in one bin.
-///
-/// The squares of n bins of noise are exponential with mean b². For a mean of r·b² the logarithm of the ratio
-/// is n(r − 1 − ln r).
-fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>) -> Option<(f64, f64)> {
-    let half = (part * position).max(1.0);
-    let window = amplitude.get((position - half).round() as usize..=(position + half).round() as usize)?;
-    let noise = noise_beside(amplitude, position, half, scratch)?;
-    let count = window.len() as f64;
-    let ratio = window.iter().map(|a| a * a).sum::<f64>() / (count * noise);
-    let likelihood = if ratio > 1.0 { count / BINS_PER_DEGREE * (ratio - 1.0 - ratio.ln()) } else { 0.0 };
-    Some((likelihood, noise))
-}
-
-fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f64>) -> Option<f64> {
-    let (near, far) =
-        (NOISE_RANGE[0] * half, (NOISE_RANGE[1] * half).max(NOISE_RANGE[0] * half + MIN_NOISE_BINS));
-    scratch.clear();
-    for (from, to) in [(position - far, position - near), (position + near, position + far)] {
-        let (from, to) = (from.max(1.0) as usize, (to as usize).min(amplitude.len().saturating_sub(1)));
-        scratch.extend_from_slice(amplitude.get(from..to)?);
-    }
-    noise_amplitude(scratch).map(|noise| noise * noise).filter(|noise| *noise > 0.0)
-}
-
-/// Returns the comb at the mean of its lines' centres of energy, weighted by their contributions.
-fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut Vec<f64>) -> MeshComb {
-    let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
-    for order in (1..=orders).map(|order| order as f64) {
-        let position = order * mesh;
-        let Some((likelihood, noise)) = harmonic(amplitude, position, part, scratch) else {
-            continue;
-        };
-        let half = (part * position).max(1.0);
-        let (first, last) = ((position - half).round() as usize, (position + half).round() as usize);
-        let (mut energy, mut moment) = (0.0, 0.0);
-        for (bin, a) in amplitude.iter().enumerate().take(last + 1).skip(first) {
-            let above = (a * a - noise).max(0.0);
-            energy += above;
-            moment += above * bin as f64;
-        }
-        squares += energy / noise;
-        if likelihood > MIN_HARMONIC_LIKELIHOOD && energy > 0.0 {
-            weights += likelihood.min(MAX_HARMONIC_LIKELIHOOD);
-            weighted += likelihood.min(MAX_HARMONIC_LIKELIHOOD) * moment / energy / order;
-        }
-    }
-    MeshComb {
-        mesh: if weights > 0.0 { weighted / weights } else { mesh },
-        to_background: (squares / orders as f64).sqrt(),
-    }
+    let top = (1.05 * orders as f64 * high) as usize;
+    let amplitude = &amplitude[..=top.min(amplitude.len() - 1)];
+    let lines = SmearedLines::of(amplitude, scratch);
+    let candidates = std::iter::successors(Some(low), |mesh| Some(mesh * (1.0 + STEP)));
+    let best = candidates
+        .take_while(|mesh| *mesh <= high)
+        .filter(|mesh| lines.has_comb(*mesh, orders))
+        .max_by(|a, b| lines.rank(*a, orders).total_cmp(&lines.rank(*b, orders)))?;
+    Some(lines.refined(amplitude, best, orders))
 }
 
 #[cfg(test)]

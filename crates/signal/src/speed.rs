@@ -46,7 +46,7 @@ pub struct ShaftSpeed {
     /// Number of mesh harmonics that stand out from the background.
     #[serde(default)]
     pub harmonics_found: u32,
-    /// Number of harmonics searched: up to ten, as far as the record reaches.
+    /// Number of harmonics searched: up to 16, as far as the record reaches.
     #[serde(default)]
     pub harmonics_sought: u32,
     /// Why the speed or the number of teeth may be wrong.

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use flankwatch_fourier::{Complex, FftDirection};
 
-use super::comb::SHAFT_RESOLVED_BINS;
+use super::comb::{HARMONICS, SHAFT_RESOLVED_BINS};
 use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
 use super::mesh_phase::MeshBand;
 use super::record_spectrum::RecordSpectrum;
@@ -13,9 +13,6 @@ use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::spectrum::{HANN_BANDWIDTH_BINS, hann_amplitude};
 use super::speed_fluctuation::SpeedFluctuation;
 use super::transform::Transforms;
-
-/// Number of harmonics checked for speed fluctuation: the higher ones show it more.
-const CHECKED_HARMONICS: usize = 10;
 
 /// From this harmonic on, a narrow line means that the speed is constant.
 const DECISIVE_HARMONIC: usize = 4;
@@ -188,7 +185,8 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
     let RecordSpectrum { amplitude, sorting, .. } = work;
     let reach = 0.45 * shaft_bins;
     let mut width = LineWidth::Unclear;
-    for order in 1..=CHECKED_HARMONICS {
+    // The higher harmonics show a fluctuation more.
+    for order in 1..=HARMONICS {
         let centre = order as f64 * mesh_bins;
         let Some(line) = read_line(amplitude, centre) else {
             break;

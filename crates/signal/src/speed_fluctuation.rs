@@ -9,17 +9,15 @@ use std::f64::consts::TAU;
 
 use flankwatch_fourier::Complex;
 
+use super::comb::HARMONICS;
 use super::mesh_phase::MeshBand;
 use super::transform::Transforms;
-
-/// Number of harmonics summed.
-const HARMONICS: usize = 10;
 
 /// Length of a window and distance between windows, in turns.
 const WINDOW_TURNS: f64 = 3.5;
 const HOP_TURNS: f64 = 1.0;
 
-/// Largest relative deviation of the speed from the given one, and number of candidate speeds.
+/// Largest relative deviation of the speed from the middle of the search, and number of candidate speeds.
 const REACH: f64 = 0.012;
 const SPEEDS: usize = 49;
 
@@ -32,63 +30,35 @@ const RATES: usize = 9;
 const SLACK: i64 = 1;
 
 /// Smallest mean gain per window of the path's score over a typical score, in nats.
-const MIN_GAIN: f64 = 2.0;
+const MIN_GAIN: f32 = 2.0;
 
 /// Mesh periods by which the shaft is ahead of the constant speed `mesh_hz`, at equal time steps over the
 /// record.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SpeedFluctuation {
     ahead: Vec<f64>,
+    /// Largest relative deviation of the speed from the constant one.
+    reach: f64,
 }
 
 impl SpeedFluctuation {
     /// Estimates the fluctuation; `None` if no path stands out, or if the record is shorter than three
     /// windows.
+    ///
+    /// The mesh is found where the speed dwells, which may be an extreme of its swing. If the path is cut at
+    /// an end of the range, the search is repeated around that end.
     pub(super) fn of(band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<Self> {
-        let duration_s = band.length as f64 / band.sample_rate_hz;
-        let shaft_hz = band.mesh_hz / f64::from(band.teeth);
-        let windows = ((duration_s * shaft_hz - WINDOW_TURNS) / HOP_TURNS) as usize + 1;
-        if duration_s * shaft_hz < 3.0 * WINDOW_TURNS {
-            return None;
-        }
-        let grid = Grid { hop_s: HOP_TURNS / shaft_hz, max_rate: RATE_PER_HZ * shaft_hz };
-        let mut scores = vec![vec![0.0; SPEEDS * RATES]; windows];
-        for order in 1..=HARMONICS {
-            add_harmonic(band, order as f64, &grid, &mut scores, transforms);
-        }
-        let path = grid.smoothest(&scores);
-        let typical = |scores: &Vec<f64>| {
-            let mut sorted = scores.clone();
-            let middle = sorted.len() / 2;
-            *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
+        let first = Path::around(0.0, band, transforms)?;
+        let path = match first.cut() {
+            Some(end) => Path::around(end, band, transforms).unwrap_or(first),
+            None => first,
         };
-        let gain: f64 =
-            scores.iter().zip(&path).map(|(scores, &state)| scores[state] - typical(scores)).sum();
-        if gain < MIN_GAIN * windows as f64 {
-            return None;
-        }
-        let first_s = 0.5 * WINDOW_TURNS / shaft_hz;
-        let deviation = |t: f64| {
-            let place = ((t - first_s) / grid.hop_s).clamp(0.0, (windows - 1) as f64);
-            let lower = (place as usize).min(windows - 2);
-            let part = place - lower as f64;
-            (1.0 - part) * grid.speed(path[lower]) + part * grid.speed(path[lower + 1])
-        };
-        const STEPS_A_WINDOW: usize = 16;
-        let steps = windows * STEPS_A_WINDOW;
-        let step_s = duration_s / steps as f64;
-        let mut ahead = vec![0.0];
-        let mut total = 0.0;
-        for i in 0..steps {
-            total += deviation((i as f64 + 0.5) * step_s) * band.mesh_hz * step_s;
-            ahead.push(total);
-        }
-        Some(Self { ahead })
+        Some(path.fluctuation(band))
     }
 
     /// Returns the largest relative deviation of the speed from the given one.
     pub(super) fn reach(&self) -> f64 {
-        REACH
+        self.reach
     }
 
     /// Returns the mesh periods ahead at a fraction of the record, 0 to 1.
@@ -97,6 +67,75 @@ impl SpeedFluctuation {
         let place = part.clamp(0.0, 1.0) * steps as f64;
         let i = (place as usize).min(steps - 1);
         self.ahead[i] + (place - i as f64) * (self.ahead[i + 1] - self.ahead[i])
+    }
+}
+
+/// The states through the windows of a record.
+struct Path {
+    /// The middle of the search relative to the mesh frequency, minus 1.
+    middle: f64,
+    grid: Grid,
+    states: Vec<usize>,
+}
+
+impl Path {
+    fn around(middle: f64, band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<Self> {
+        let duration_s = band.length as f64 / band.sample_rate_hz;
+        let shaft_hz = band.mesh_hz / f64::from(band.teeth);
+        let windows = ((duration_s * shaft_hz - WINDOW_TURNS) / HOP_TURNS) as usize + 1;
+        if duration_s * shaft_hz < 3.0 * WINDOW_TURNS {
+            return None;
+        }
+        let grid = Grid { hop_s: HOP_TURNS / shaft_hz, max_rate: RATE_PER_HZ * shaft_hz };
+        let mut scores = vec![vec![0.0; SPEEDS * RATES]; windows];
+        let shifted = MeshBand { mesh_hz: band.mesh_hz * (1.0 + middle), ..*band };
+        for order in 1..=HARMONICS {
+            add_harmonic(&shifted, order as f64, &grid, &mut scores, transforms);
+        }
+        let states = grid.smoothest(&scores);
+        let typical = |scores: &Vec<f32>| {
+            let mut sorted = scores.clone();
+            let middle = sorted.len() / 2;
+            *sorted.select_nth_unstable_by(middle, f32::total_cmp).1
+        };
+        let gain: f32 =
+            scores.iter().zip(&states).map(|(scores, &state)| scores[state] - typical(scores)).sum();
+        (gain >= MIN_GAIN * windows as f32).then_some(Self { middle, grid, states })
+    }
+
+    /// Returns the end of the range, relative to the mesh frequency minus 1, at which the path is cut, if it
+    /// is one.
+    fn cut(&self) -> Option<f64> {
+        let touches = |end: usize| self.states.iter().any(|state| state / RATES == end);
+        match [0, SPEEDS - 1].map(touches) {
+            [true, false] => Some(self.middle - REACH),
+            [false, true] => Some(self.middle + REACH),
+            _ => None,
+        }
+    }
+
+    fn fluctuation(&self, band: &MeshBand<'_>) -> SpeedFluctuation {
+        const STEPS_A_WINDOW: usize = 16;
+        let duration_s = band.length as f64 / band.sample_rate_hz;
+        let windows = self.states.len();
+        let first_s = 0.5 * WINDOW_TURNS * f64::from(band.teeth) / band.mesh_hz;
+        let deviation = |t: f64| {
+            let place = ((t - first_s) / self.grid.hop_s).clamp(0.0, (windows - 1) as f64);
+            let lower = (place as usize).min(windows - 2);
+            let part = place - lower as f64;
+            let [from, to] = [lower, lower + 1].map(|window| self.grid.speed(self.states[window]));
+            // The grid's speeds are relative to the middle.
+            self.middle + (1.0 + self.middle) * ((1.0 - part) * from + part * to)
+        };
+        let steps = windows * STEPS_A_WINDOW;
+        let step_s = duration_s / steps as f64;
+        let mut ahead = vec![0.0];
+        let mut total = 0.0;
+        for i in 0..steps {
+            total += deviation((i as f64 + 0.5) * step_s) * band.mesh_hz * step_s;
+            ahead.push(total);
+        }
+        SpeedFluctuation { ahead, reach: self.middle.abs() + REACH }
     }
 }
 
@@ -117,14 +156,14 @@ impl Grid {
 
     /// Returns the path of states with the highest sum of scores whose speeds follow from their rates of
     /// change.
-    fn smoothest(&self, scores: &[Vec<f64>]) -> Vec<usize> {
+    fn smoothest(&self, scores: &[Vec<f32>]) -> Vec<usize> {
         let states = SPEEDS * RATES;
         let step = 2.0 * REACH / (SPEEDS - 1) as f64;
         let mut best = scores[0].clone();
-        let mut predecessors: Vec<Vec<usize>> = Vec::with_capacity(scores.len());
+        let mut predecessors: Vec<Vec<u16>> = Vec::with_capacity(scores.len());
         for scores in &scores[1..] {
-            let mut next = vec![f64::NEG_INFINITY; states];
-            let mut from = vec![0; states];
+            let mut next = vec![f32::NEG_INFINITY; states];
+            let mut from = vec![0_u16; states];
             for state in 0..states {
                 for rate in 0..RATES {
                     let speed_change = 0.5 * (self.rate(state) + self.rate(rate)) * self.hop_s;
@@ -133,7 +172,7 @@ impl Grid {
                         if (0..SPEEDS as i64).contains(&speed) {
                             let before = speed as usize * RATES + rate;
                             if best[before] > next[state] {
-                                (next[state], from[state]) = (best[before], before);
+                                (next[state], from[state]) = (best[before], before as u16);
                             }
                         }
                     }
@@ -146,7 +185,7 @@ impl Grid {
         let mut state = (0..states).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
         let mut path = vec![state];
         for from in predecessors.iter().rev() {
-            state = from[state];
+            state = usize::from(from[state]);
             path.push(state);
         }
         path.reverse();
@@ -159,7 +198,7 @@ fn add_harmonic(
     band: &MeshBand<'_>,
     order: f64,
     grid: &Grid,
-    scores: &mut [Vec<f64>],
+    scores: &mut [Vec<f32>],
     transforms: &mut Transforms,
 ) {
     let duration_s = band.length as f64 / band.sample_rate_hz;
@@ -218,7 +257,7 @@ fn add_harmonic(
         let typical = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
         if typical > 0.0 {
             for (score, energy) in scores.iter_mut().zip(&energies) {
-                *score += (energy / typical).ln_1p();
+                *score += (energy / typical).ln_1p() as f32;
             }
         }
     }

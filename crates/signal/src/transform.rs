@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use flankwatch_fourier::{Complex, ComplexToReal, Fft, FftDirection, Planned, RealToComplex};
 
+use super::comb::HARMONICS;
+
 /// Number of cached plans per direction. Records of one asset share a length, so a few suffice; without a
 /// limit, a stream of different lengths would grow memory forever.
 const MAX_PLANS: usize = 8;
@@ -41,8 +43,8 @@ pub(super) fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     number == 1
 }
 
-/// Number of cached buffers of each type: two for each of ten harmonics that are tracked, and some more.
-const MAX_BUFFERS: usize = 24;
+/// Number of cached buffers of each type: two for each harmonic that is tracked, and some more.
+const MAX_BUFFERS: usize = 2 * HARMONICS + 4;
 
 /// A floating-point type in which records are transformed.
 pub(super) trait Float: Planned + Default {
