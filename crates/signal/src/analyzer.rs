@@ -10,6 +10,7 @@ use super::faults::fault;
 use super::features::{Extent, Features};
 use super::indicators::Indicators;
 use super::kurtogram::KurtogramWork;
+use super::line::DETECTION_RATIO;
 use super::mesh_context::MeshContext;
 use super::mesh_lines::{MeshLine, MeshPositions};
 use super::moments::Moments;
@@ -136,7 +137,7 @@ impl Analyzer {
         let work = &mut self.work;
         let resolution_hz = work.resolution_hz(record);
         let given = given_speed(record);
-        locate(
+        let mut located = locate(
             &work.amplitude,
             resolution_hz,
             given,
@@ -144,7 +145,30 @@ impl Analyzer {
             moments.constant,
             &mut work.sorting,
             &mut work.log_ratios,
-        )
+        );
+        if let (true, Ok(mesh_bins)) = (located.is_smeared, located.mesh) {
+            located.verify(self.count_compensated_lines(record, mesh, mesh_bins));
+        }
+        located
+    }
+
+    /// Returns how many mesh harmonics stand out once the fluctuation of the speed is removed.
+    fn count_compensated_lines(&mut self, record: &RecordOf<'_>, mesh: &MeshContext, mesh_bins: f64) -> u32 {
+        let work = &mut self.work;
+        let speed_mesh = Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
+        let compensated = compensate(work, speed_mesh, self.settings.harmonics.max(HARMONICS));
+        let mean_bins = compensated.as_ref().map_or(mesh_bins, |compensated| compensated.mesh_bins);
+        let lines = MeshPositions::new(mean_bins, mesh);
+        let found = (1..=HARMONICS)
+            .map(|order| order as f64)
+            .filter(|order| lines.is_own(*order, 0.0))
+            .filter_map(|order| lines.read(work, order))
+            .filter(|(line, noise)| noise.is_some_and(|noise| line.amplitude >= DETECTION_RATIO * noise))
+            .count() as u32;
+        if let Some(compensated) = compensated {
+            compensated.undo(work);
+        }
+        found
     }
 
     /// Analyses the record that was transformed last.

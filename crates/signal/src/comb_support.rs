@@ -15,6 +15,10 @@ const MIN_LINE_RATIO: f64 = 4.0;
 /// A line's ratio to the noise is limited to this, as one strong line is no comb.
 const MAX_LINE_RATIO: f64 = 32.0;
 
+/// The logarithm of a smeared line's likelihood ratio is limited to this. The limit is high, because sidebands
+/// smear into each other between the lines of a comb.
+const MAX_SMEARED_LIKELIHOOD: f64 = 1000.0;
+
 /// A line counts for a harmonic within this fraction of its position plus this many bins.
 const REACH_FRACTION: f64 = 7e-4;
 const REACH_BINS: f64 = 1.0;
@@ -34,13 +38,15 @@ const OTHER_MESH_RANGE: [f64; 2] = [0.45, 2.3];
 
 /// Combs within this fraction of the mesh frequency are the same.
 const SAME_MESH_TOLERANCE: f64 = 0.004;
+const SAME_SMEARED_MESH_TOLERANCE: f64 = 0.03;
 
-/// Another comb fits better if its score exceeds this factor times the score plus this margin.
-const MIN_GAIN_FACTOR: f64 = 1.25;
-const MIN_GAIN: f64 = 2.0;
+/// Another comb fits better if its score exceeds this factor times the score plus this margin. Smeared lines
+/// are so wide that some of them lie on any comb: a comb of them has to fit best of all.
+const MIN_GAIN: (f64, f64) = (1.25, 2.0);
+const MIN_SMEARED_GAIN: (f64, f64) = (1.25, 2.0);
 
 /// Fewest harmonics of a comb that stand out.
-const MIN_HARMONICS: u32 = 2;
+pub(super) const MIN_HARMONICS: u32 = 2;
 
 /// Shaft rates are searched by their sidebands up to this order, around this many mesh harmonics.
 const SIDEBANDS: u32 = 4;
@@ -75,6 +81,8 @@ pub(super) struct Support {
     pub(super) doubt: Option<CombDoubt>,
     /// What the lines fit instead, where they fit another mesh frequency better.
     pub(super) reading: Option<Reading>,
+    /// Whether only smeared lines support the comb.
+    pub(super) is_smeared: bool,
 }
 
 /// A reading of the lines: a mesh frequency in bins and, where its sidebands show it, the number of teeth.
@@ -101,12 +109,13 @@ struct Lines<'a> {
     log_ratios: &'a mut [f64],
     /// Mean score of a position by chance, plus the penalty of a missing line.
     chance: f64,
+    /// Combs within this fraction of a mesh frequency are the same.
+    same_mesh_tolerance: f64,
+    /// Another comb fits better if its score exceeds this factor times the score plus this margin.
+    min_gain: (f64, f64),
 }
 
-/// Computes the support of the comb with this mesh frequency by the lines of `amplitude`.
-///
-/// If the narrow lines leave a doubt, the speed may fluctuate: the support by smeared lines is returned if it
-/// has none.
+/// Computes the support of the comb with this mesh frequency by the narrow lines of `amplitude`.
 pub(super) fn support(
     amplitude: &[f64],
     mesh: f64,
@@ -114,23 +123,34 @@ pub(super) fn support(
     scratch: &mut Vec<f64>,
     log_ratios: &mut Vec<f64>,
 ) -> Support {
-    let sought =
-        (1..=HARMONICS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
+    let mut lines = Lines::of(up_to_comb(amplitude, mesh), scratch, log_ratios);
+    lines.exclude_other_meshes(mesh, context);
+    lines.support(mesh, orders(amplitude, mesh), context)
+}
+
+/// Computes the support of a comb by narrow lines and by those that a fluctuating speed smears.
+pub(super) fn smeared_support(
+    amplitude: &[f64],
+    mesh: f64,
+    context: &MeshContext,
+    scratch: &mut Vec<f64>,
+    log_ratios: &mut Vec<f64>,
+) -> Support {
+    let amplitude_up_to_comb = up_to_comb(amplitude, mesh);
+    let mut lines = Lines::of(amplitude_up_to_comb, scratch, log_ratios);
+    lines.add(&SmearedLines::of(amplitude_up_to_comb, scratch));
+    lines.exclude_other_meshes(mesh, context);
+    Support { is_smeared: true, ..lines.support(mesh, orders(amplitude, mesh), context) }
+}
+
+/// Returns how many harmonics of a mesh lie in the spectrum.
+fn orders(amplitude: &[f64], mesh: f64) -> u32 {
+    (1..=HARMONICS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32
+}
+
+fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
     let top = ((HARMONICS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
-    let mut lines = Lines::of(&amplitude[..=top], scratch, log_ratios);
-    lines.exclude_other_meshes(mesh, context);
-    let narrow = lines.support(mesh, sought, context);
-    if !matches!(narrow.doubt, Some(CombDoubt::FewHarmonics | CombDoubt::OtherMesh(_))) {
-        return narrow;
-    }
-    let smeared = SmearedLines::of(&amplitude[..=top], scratch);
-    if !smeared.has_comb(mesh, sought as usize) {
-        return narrow;
-    }
-    lines.add(&smeared);
-    lines.exclude_other_meshes(mesh, context);
-    let with_smeared = lines.support(mesh, sought, context);
-    if with_smeared.doubt.is_none() { with_smeared } else { narrow }
+    &amplitude[..=top]
 }
 
 fn highest(amplitude: &[f64]) -> f64 {
@@ -188,7 +208,7 @@ impl<'a> Lines<'a> {
             }
         }
         let chance = MISSING_LINE_PENALTY + mean_of(log_ratios, |log_ratio| *log_ratio);
-        Self { log_ratios, chance }
+        Self { log_ratios, chance, same_mesh_tolerance: SAME_MESH_TOLERANCE, min_gain: MIN_GAIN }
     }
 
     /// Adds lines that a fluctuating speed smears.
@@ -196,10 +216,18 @@ impl<'a> Lines<'a> {
         for (bin, log_ratio) in self.log_ratios.iter_mut().enumerate() {
             let likelihood = smeared.at(bin as f64);
             if likelihood >= MIN_LIKELIHOOD {
-                *log_ratio = log_ratio.max(likelihood.min(MAX_LINE_RATIO).ln());
+                *log_ratio = log_ratio.max(likelihood.min(MAX_SMEARED_LIKELIHOOD).ln());
             }
         }
         self.chance = MISSING_LINE_PENALTY + mean_of(self.log_ratios, |log_ratio| *log_ratio);
+        self.same_mesh_tolerance = SAME_SMEARED_MESH_TOLERANCE;
+        self.min_gain = MIN_SMEARED_GAIN;
+    }
+
+    /// Returns whether a comb with the first score fits better than one with the second.
+    fn is_better(&self, score: f64, than: f64) -> bool {
+        let (factor, margin) = self.min_gain;
+        score > factor * than.max(0.0) + margin
     }
 
     /// Returns the support of the comb with this mesh frequency.
@@ -220,7 +248,7 @@ impl<'a> Lines<'a> {
             Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
             _ => None,
         };
-        Support { found, sought, doubt, reading }
+        Support { found, sought, doubt, reading, is_smeared: false }
     }
 
     /// Excludes the lines of the other configured meshes.
@@ -259,11 +287,10 @@ impl<'a> Lines<'a> {
         let steps = ((OTHER_MESH_RANGE[1] - OTHER_MESH_RANGE[0]) * mesh / step) as usize;
         let best = (0..=steps)
             .map(|k| OTHER_MESH_RANGE[0] * mesh + k as f64 * step)
-            .filter(|other| (other / mesh - 1.0).abs() > SAME_MESH_TOLERANCE)
+            .filter(|other| (other / mesh - 1.0).abs() > self.same_mesh_tolerance)
             .map(|other| (other, self.score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
-        let better =
-            best.filter(|(_, score)| *score > MIN_GAIN_FACTOR * self.score(mesh).max(0.0) + MIN_GAIN);
+        let better = best.filter(|(_, score)| self.is_better(*score, self.score(mesh)));
         better.map(|(other, _)| other).or_else(|| {
             self.missing_multiple(mesh, sought)
                 .map(|factor| factor * mesh)
@@ -313,7 +340,7 @@ impl<'a> Lines<'a> {
         let lower = [0.5, 1.0 / 3.0].into_iter().map(|part| part * other);
         let better = lower
             .map(|mesh| (mesh, self.score(mesh)))
-            .filter(|(_, lower)| *lower > MIN_GAIN_FACTOR * score.max(0.0) + MIN_GAIN)
+            .filter(|(_, lower)| self.is_better(*lower, score))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         let mesh = better.map_or(other, |(mesh, _)| mesh);
         let spaced: Vec<(u32, f64)> = READABLE_TEETH

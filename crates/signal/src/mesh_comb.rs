@@ -2,7 +2,6 @@
 
 use super::comb::{MESH_RESOLVED_BINS, MeshComb, SHAFT_RESOLVED_BINS};
 use super::line::{fits, noise_amplitude, read_line};
-use super::smeared_comb;
 
 /// Number of harmonics in the comb: the lowest ones stand out.
 const ORDERS: usize = 5;
@@ -80,7 +79,6 @@ pub(super) fn find(
         }
     }
     best.map(|(mesh, _)| refine(amplitude, mesh, noise))
-        .or_else(|| smeared_comb::find(amplitude, [low, high], scratch))
 }
 
 fn compress(ratio: f64) -> f64 {

@@ -35,6 +35,8 @@ pub(super) struct RecordSpectrum {
     pub(super) log_ratios: Vec<f64>,
     /// Buffers for bins and amplitudes at the compensated speed.
     pub(super) compensated: (Vec<Complex<f64>>, Vec<f64>),
+    /// The mean mesh frequency in bins, if these buffers hold this record's compensated transform.
+    pub(super) compensated_mesh_bins: Option<f64>,
     pub(super) length: usize,
     /// The shaft angle tracked near the located mesh, if it was requested; `Some(None)` if no line could be
     /// tracked.
@@ -70,6 +72,7 @@ impl RecordSpectrum {
         if let Some(Some(angle)) = self.tracked_angle.take() {
             angle.recycle(&mut self.transforms);
         }
+        self.compensated_mesh_bins = None;
         // In the unwindowed transform an offset affects this bin only.
         self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);

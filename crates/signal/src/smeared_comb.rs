@@ -33,6 +33,9 @@ const MIN_TYPICAL_RATIO: f64 = 1.2;
 /// comb.
 const MAX_LIKELIHOOD: f64 = 12.0;
 
+/// Weight of the logarithm of what exceeds that.
+const EXCESS_WEIGHT: f64 = 3.0;
+
 /// From this logarithm of the likelihood ratio on, a line stands out.
 pub(super) const MIN_LIKELIHOOD: f64 = 4.0;
 
@@ -89,22 +92,18 @@ impl SmearedLines {
     }
 
     /// Returns whether the harmonics of a mesh are together more than white noise gives.
-    pub(super) fn has_comb(&self, mesh: f64, orders: usize) -> bool {
-        let mut detected = 0;
-        let sum: f64 = (1..=orders)
-            .map(|order| {
-                let likelihood = self.at(order as f64 * mesh);
-                detected += usize::from(likelihood > MIN_LIKELIHOOD);
-                likelihood.min(MAX_LIKELIHOOD)
-            })
-            .sum();
-        detected >= MIN_HARMONICS && sum > MIN_SUM
+    fn has_comb(&self, mesh: f64, orders: usize) -> bool {
+        let likelihoods = || (1..=orders).map(|order| self.at(order as f64 * mesh));
+        likelihoods().filter(|likelihood| *likelihood > MIN_LIKELIHOOD).count() >= MIN_HARMONICS
+            && likelihoods().map(|likelihood| likelihood.min(MAX_LIKELIHOOD)).sum::<f64>() > MIN_SUM
     }
 
-    /// Returns the sum by which candidates are compared: a harmonic's likelihood, above 12 by its logarithm.
+    /// Returns the sum by which candidates are compared. Above 12, a harmonic's likelihood adds to it by its
+    /// logarithm: it shows where the line is, but a resonance is a strong line too.
     fn rank(&self, mesh: f64, orders: usize) -> f64 {
         let compressed = |likelihood: f64| {
-            likelihood.min(MAX_LIKELIHOOD) * (1.0 + (likelihood / MAX_LIKELIHOOD).max(1.0).ln())
+            let excess = (likelihood / MAX_LIKELIHOOD).max(1.0);
+            likelihood.min(MAX_LIKELIHOOD) + EXCESS_WEIGHT * excess.ln()
         };
         (1..=orders).map(|order| compressed(self.at(order as f64 * mesh))).sum()
     }

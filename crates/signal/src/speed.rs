@@ -3,12 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::comb::{MESH_RESOLVED_BINS, MeshComb};
-use super::comb_support::{CombDoubt, Reading, Support, support};
+use super::comb_support::{CombDoubt, MIN_HARMONICS, Reading, Support, smeared_support, support};
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb;
 use super::mesh_context::MeshContext;
 use super::not_computed::NotComputed;
 use super::record::RecordOf;
+use super::smeared_comb;
 
 /// Source of a shaft speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -153,6 +154,21 @@ pub(super) struct LocatedMesh {
     pub(super) speed: Option<ShaftSpeed>,
     /// The mesh frequency in bins according to the lines, or why there are no lines to read.
     pub(super) mesh: Result<f64, NotComputed>,
+    /// Whether only smeared lines support it.
+    pub(super) is_smeared: bool,
+}
+
+impl LocatedMesh {
+    /// Sets how many harmonics stand out once the fluctuation of the speed is removed. Noise near a resonance
+    /// looks like a smeared line, but does not become a narrow one.
+    pub(super) fn verify(&mut self, found: u32) {
+        if let Some(speed) = &mut self.speed {
+            speed.harmonics_found = found;
+            if found < MIN_HARMONICS {
+                speed.doubt = speed.doubt.or(Some(SpeedDoubt::FewHarmonics));
+            }
+        }
+    }
 }
 
 /// Returns the speed given with a record: that of its operating point, else the mean of its tachometer.
@@ -164,8 +180,8 @@ pub(super) fn given_speed(record: &RecordOf<'_>) -> Option<(f64, SpeedSource)> {
     })
 }
 
-/// Finds the comb in a range of mesh frequencies and its support. If another comb in the range has better
-/// support, that one is returned.
+/// Finds the comb in a range of mesh frequencies and its support. If its narrow lines leave a doubt, another
+/// comb in the range is returned that has none, of narrow or of smeared lines.
 fn find_comb(
     amplitude: &[f64],
     [low, high]: [f64; 2],
@@ -173,19 +189,29 @@ fn find_comb(
     scratch: &mut Vec<f64>,
     log_ratios: &mut Vec<f64>,
 ) -> Option<(MeshComb, Support)> {
-    let first = mesh_comb::find(amplitude, [low, high], context.teeth, scratch)?;
-    let lines = support(amplitude, first.mesh, context, scratch, log_ratios);
-    if let Some(CombDoubt::OtherMesh(other)) = lines.doubt
+    let mut find = |range| {
+        let comb = mesh_comb::find(amplitude, range, context.teeth, scratch)?;
+        Some((comb, support(amplitude, comb.mesh, context, scratch, log_ratios)))
+    };
+    let first = find([low, high]);
+    let doubt = first.and_then(|(_, lines)| lines.doubt);
+    if let Some(CombDoubt::OtherMesh(other)) = doubt
         && (low..=high).contains(&other)
     {
         let near = [other * (1.0 - OTHER_MESH_TOLERANCE), other * (1.0 + OTHER_MESH_TOLERANCE)];
-        let second = mesh_comb::find(amplitude, near, context.teeth, scratch);
-        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch, log_ratios)));
-        if let Some(better) = second.filter(|(_, lines)| lines.doubt.is_none()) {
+        if let Some(better) = find(near).filter(|(_, lines)| lines.doubt.is_none()) {
             return Some(better);
         }
     }
-    Some((first, lines))
+    if first.is_some() && matches!(doubt, None | Some(CombDoubt::OtherShaft(_))) {
+        return first;
+    }
+    let smeared = smeared_comb::find(amplitude, [low, high], scratch)
+        .map(|comb| (comb, smeared_support(amplitude, comb.mesh, context, scratch, log_ratios)));
+    match (first, smeared) {
+        (first, Some((_, lines))) if lines.doubt.is_some() => first.or(smeared),
+        (first, smeared) => smeared.or(first),
+    }
 }
 
 /// Finds the speed of a shaft without teeth from the harmonics of its rate, of which at least two must stand
@@ -248,7 +274,7 @@ pub(super) fn locate(
             None => None,
         };
         let reason = if constant { NotComputed::Constant } else { NotComputed::NoSpeed };
-        return LocatedMesh { speed: shaft, mesh: Err(reason) };
+        return LocatedMesh { speed: shaft, mesh: Err(reason), is_smeared: false };
     }
     let (centre_hz, tolerance) = match given {
         Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
@@ -283,6 +309,7 @@ pub(super) fn locate(
     let (harmonics_found, harmonics_sought) =
         lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
     let doubt = lines.and_then(|lines| Some(SpeedDoubt::of(lines.doubt?, lines.reading, resolution_hz)));
+    let is_smeared = lines.is_some_and(|lines| lines.is_smeared);
     match given {
         Some((shaft_speed_hz, source)) => LocatedMesh {
             speed: Some(ShaftSpeed {
@@ -295,6 +322,7 @@ pub(super) fn locate(
                 doubt,
             }),
             mesh: reason.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
+            is_smeared,
         },
         None => LocatedMesh {
             speed: comb.map(|comb| ShaftSpeed {
@@ -307,6 +335,7 @@ pub(super) fn locate(
                 doubt,
             }),
             mesh: reason.map_or(comb.map(|comb| comb.mesh).ok_or(NotComputed::NoSpeed), Err),
+            is_smeared,
         },
     }
 }

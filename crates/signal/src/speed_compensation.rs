@@ -53,11 +53,22 @@ pub(super) struct SpeedCompensation {
 }
 
 impl SpeedCompensation {
-    /// Restores the original transform.
+    /// Restores the original transform. The next compensation of this record returns the same one.
     pub(super) fn undo(self, work: &mut RecordSpectrum) {
         let bins = std::mem::replace(&mut work.bins, self.bins);
         let amplitude = std::mem::replace(&mut work.amplitude, self.amplitude);
         work.compensated = (bins, amplitude);
+        work.compensated_mesh_bins = Some(self.mesh_bins);
+    }
+
+    /// Puts the compensated transform in the place of the original one.
+    fn apply(mesh_bins: f64, work: &mut RecordSpectrum) -> Self {
+        let (bins, amplitude) = std::mem::take(&mut work.compensated);
+        Self {
+            mesh_bins,
+            bins: std::mem::replace(&mut work.bins, bins),
+            amplitude: std::mem::replace(&mut work.amplitude, amplitude),
+        }
     }
 }
 
@@ -69,6 +80,9 @@ pub(super) fn compensate(
     mesh: Mesh,
     harmonics: usize,
 ) -> Option<SpeedCompensation> {
+    if let Some(mesh_bins) = work.compensated_mesh_bins {
+        return Some(SpeedCompensation::apply(mesh_bins, work));
+    }
     let shaft_bins = mesh.bins / f64::from(mesh.teeth);
     if shaft_bins < SHAFT_RESOLVED_BINS {
         return None;
@@ -146,11 +160,9 @@ pub(super) fn compensate(
         }
         work.transforms.recycle_complex(signal);
     }
-    let bins = std::mem::replace(&mut work.bins, compensated);
-    let buffer = std::mem::take(&mut work.compensated.1);
-    let amplitude = std::mem::replace(&mut work.amplitude, buffer);
-    hann_amplitude(&work.bins, work.length, &mut work.amplitude);
-    Some(SpeedCompensation { mesh_bins: mean_bins, bins, amplitude })
+    hann_amplitude(&compensated, work.length, &mut work.compensated.1);
+    work.compensated.0 = compensated;
+    Some(SpeedCompensation::apply(mean_bins, work))
 }
 
 /// Returns whether an angle is accurate enough for this order: a phase error reduces a line's amplitude by

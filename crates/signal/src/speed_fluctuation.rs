@@ -29,8 +29,9 @@ const RATES: usize = 9;
 /// Number of candidates by which the speed may deviate from the extrapolation by its rate of change.
 const SLACK: i64 = 1;
 
-/// Smallest mean gain per window of the path's score over a typical score, in nats.
-const MIN_GAIN: f32 = 2.0;
+/// Smallest mean gain per window of the path's score over a typical score, in nats. White noise gives 3.3 to
+/// 4.3.
+const MIN_GAIN: f32 = 4.5;
 
 /// Mesh periods by which the shaft is ahead of the constant speed `mesh_hz`, at equal time steps over the
 /// record.

@@ -75,6 +75,59 @@ fn generated_lines_are_measured() {
     }
 }
 
+/// A record whose speed swings by ± 0.3 %, with these harmonics, and white noise of this deviation.
+fn swinging(orders: std::ops::RangeInclusive<u32>, noise: f64, seed: u64) -> Record {
+    let (swing, swing_hz) = (0.003, 0.6);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let samples = (0..40_000).map(|i| {
+        let t = f64::from(i) / RATE_HZ;
+        let turn = 2.0 * PI * SHAFT_HZ * t + swing * SHAFT_HZ / swing_hz * (2.0 * PI * swing_hz * t).sin();
+        let lines: f64 = orders.clone().map(|h| (24.0 * f64::from(h) * turn + f64::from(h * h)).sin()).sum();
+        let normal: f64 = StandardNormal.sample(&mut random);
+        (lines + noise * normal) as f32
+    });
+    record(samples.collect())
+}
+
+/// Harmonics 11 to 16 alone, of amplitude 1 each, which the swing smears over 60 to 100 bins.
+#[test]
+fn smeared_high_harmonics_are_found_and_read() {
+    for seed in 0..10 {
+        let got = analyze(&swinging(11..=16, 3.0, seed), MESH);
+        let speed = got.shaft_speed.unwrap();
+        assert!((speed.shaft_speed_hz / SHAFT_HZ - 1.0).abs() < 1e-3 && speed.doubt.is_none(), "{speed:?}");
+        for order in 11..=16 {
+            let line = got.features.values[&format!("ln_mesh_{order}")];
+            assert!(line.abs() < 0.15, "{seed} {order}: {line}");
+        }
+    }
+}
+
+/// White noise through four resonances with a damping ratio of 0.01, each about as wide as a smeared line.
+#[test]
+fn resonances_are_not_a_mesh() {
+    let mut accepted = 0;
+    for seed in 0..40 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut samples = vec![0.0; 40_000];
+        for resonance in 0..4 {
+            let frequency_hz = 1500.0 + 1300.0 * f64::from(resonance) + 37.0 * seed as f64;
+            let angle = 2.0 * PI * frequency_hz / RATE_HZ;
+            let decay = (-0.01 * angle).exp();
+            let (mut before, mut last) = (0.0, 0.0);
+            for sample in &mut samples {
+                let normal: f64 = StandardNormal.sample(&mut random);
+                let next = 2.0 * decay * angle.cos() * last - decay * decay * before + normal;
+                (before, last) = (last, next);
+                *sample += next as f32;
+            }
+        }
+        let got = analyze(&record(samples), MESH);
+        accepted += usize::from(got.shaft_speed.is_some_and(|speed| speed.doubt.is_none()));
+    }
+    assert!(accepted <= 1, "{accepted} of 40");
+}
+
 /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four
 /// sidebands.
 #[test]
