@@ -116,8 +116,9 @@ impl SmearedLines {
             let likelihood = self.at(position).min(MAX_LIKELIHOOD);
             let (first, last) = window(position, HALF_WIDTHS[1]);
             let (mut energy, mut moment) = (0.0, 0.0);
-            for bin in first..=last.min(self.noise.len() - 1) {
-                let above = (amplitude[bin] * amplitude[bin] - self.noise[bin]).max(0.0);
+            let bins = amplitude.iter().zip(&self.noise).enumerate();
+            for (bin, (a, noise)) in bins.take(last + 1).skip(first) {
+                let above = (a * a - noise).max(0.0);
                 energy += above;
                 moment += above * bin as f64;
             }
