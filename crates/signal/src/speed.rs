@@ -203,7 +203,12 @@ fn find_comb(
             return Some(better);
         }
     }
-    if first.is_some() && matches!(doubt, None | Some(CombDoubt::OtherShaft(_))) {
+    // A steady speed has a line at most harmonics. Where every multiple of the shaft rate has one, there is a
+    // doubt, but no smeared line.
+    let is_steady = |lines: Support| 2 * lines.found >= lines.sought;
+    if first.is_some_and(|(_, lines)| {
+        matches!(lines.doubt, None | Some(CombDoubt::OtherShaft(_))) || is_steady(lines)
+    }) {
         return first;
     }
     let smeared = smeared_comb::find(amplitude, [low, high], scratch)
