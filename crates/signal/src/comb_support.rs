@@ -40,10 +40,9 @@ const OTHER_MESH_RANGE: [f64; 2] = [0.45, 2.3];
 const SAME_MESH_TOLERANCE: f64 = 0.004;
 const SAME_SMEARED_MESH_TOLERANCE: f64 = 0.03;
 
-/// Another comb fits better if its score exceeds this factor times the score plus this margin. Smeared lines
-/// are so wide that some of them lie on any comb: a comb of them has to fit best of all.
-const MIN_GAIN: (f64, f64) = (1.25, 2.0);
-const MIN_SMEARED_GAIN: (f64, f64) = (1.25, 2.0);
+/// Another comb fits better if its score exceeds this factor times the score plus this margin.
+const MIN_GAIN_FACTOR: f64 = 1.25;
+const MIN_GAIN: f64 = 2.0;
 
 /// Fewest harmonics of a comb that stand out.
 pub(super) const MIN_HARMONICS: u32 = 2;
@@ -111,8 +110,6 @@ struct Lines<'a> {
     chance: f64,
     /// Combs within this fraction of a mesh frequency are the same.
     same_mesh_tolerance: f64,
-    /// Another comb fits better if its score exceeds this factor times the score plus this margin.
-    min_gain: (f64, f64),
 }
 
 /// Computes the support of the comb with this mesh frequency by the narrow lines of `amplitude`.
@@ -151,6 +148,11 @@ fn orders(amplitude: &[f64], mesh: f64) -> u32 {
 fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
     let top = ((HARMONICS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
     &amplitude[..=top]
+}
+
+/// Returns whether a comb with this score fits better than one with the other.
+fn is_better(score: f64, than: f64) -> bool {
+    score > MIN_GAIN_FACTOR * than.max(0.0) + MIN_GAIN
 }
 
 fn highest(amplitude: &[f64]) -> f64 {
@@ -208,7 +210,7 @@ impl<'a> Lines<'a> {
             }
         }
         let chance = MISSING_LINE_PENALTY + mean_of(log_ratios, |log_ratio| *log_ratio);
-        Self { log_ratios, chance, same_mesh_tolerance: SAME_MESH_TOLERANCE, min_gain: MIN_GAIN }
+        Self { log_ratios, chance, same_mesh_tolerance: SAME_MESH_TOLERANCE }
     }
 
     /// Adds lines that a fluctuating speed smears.
@@ -221,13 +223,6 @@ impl<'a> Lines<'a> {
         }
         self.chance = MISSING_LINE_PENALTY + mean_of(self.log_ratios, |log_ratio| *log_ratio);
         self.same_mesh_tolerance = SAME_SMEARED_MESH_TOLERANCE;
-        self.min_gain = MIN_SMEARED_GAIN;
-    }
-
-    /// Returns whether a comb with the first score fits better than one with the second.
-    fn is_better(&self, score: f64, than: f64) -> bool {
-        let (factor, margin) = self.min_gain;
-        score > factor * than.max(0.0) + margin
     }
 
     /// Returns the support of the comb with this mesh frequency.
@@ -290,7 +285,7 @@ impl<'a> Lines<'a> {
             .filter(|other| (other / mesh - 1.0).abs() > self.same_mesh_tolerance)
             .map(|other| (other, self.score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
-        let better = best.filter(|(_, score)| self.is_better(*score, self.score(mesh)));
+        let better = best.filter(|(_, score)| is_better(*score, self.score(mesh)));
         better.map(|(other, _)| other).or_else(|| {
             self.missing_multiple(mesh, sought)
                 .map(|factor| factor * mesh)
@@ -340,7 +335,7 @@ impl<'a> Lines<'a> {
         let lower = [0.5, 1.0 / 3.0].into_iter().map(|part| part * other);
         let better = lower
             .map(|mesh| (mesh, self.score(mesh)))
-            .filter(|(_, lower)| self.is_better(*lower, score))
+            .filter(|(_, lower)| is_better(*lower, score))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         let mesh = better.map_or(other, |(mesh, _)| mesh);
         let spaced: Vec<(u32, f64)> = READABLE_TEETH
