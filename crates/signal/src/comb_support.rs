@@ -3,35 +3,19 @@
 use smallvec::SmallVec;
 
 use super::comb::{HARMONICS, SHAFT_RESOLVED_BINS};
-use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
+use super::line::fits;
 use super::mesh_context::MeshContext;
-use super::smeared_comb::{MIN_LIKELIHOOD, SmearedLines};
-use super::sums::mean_of;
+use super::smeared_comb::SmearedLines;
+use super::spectrum_lines::{REACH_BINS, REACH_FRACTION, SpectrumLines};
 
-/// Fewest times that a line exceeds the neighbouring noise: noise alone does so in one bin of e¹⁶ = 9
-/// million.
-const MIN_LINE_RATIO: f64 = 4.0;
-
-/// A line's ratio to the noise is limited to this, as one strong line is no comb.
-const MAX_LINE_RATIO: f64 = 32.0;
-
-/// The logarithm of a smeared line's likelihood ratio is limited to this. The limit is high, because sidebands
-/// smear into each other between the lines of a comb.
-const MAX_SMEARED_LIKELIHOOD: f64 = 1000.0;
-
-/// A line counts for a harmonic within this fraction of its position plus this many bins.
-const REACH_FRACTION: f64 = 7e-4;
-const REACH_BINS: f64 = 1.0;
-
-/// Bins per noise estimate: the median over these and as many around them.
-const NOISE_BINS: usize = 128;
-
-/// Lowest noise relative to the highest line: below it lie the skirts of lines in a record with hardly any
-/// noise.
-const NOISE_FLOOR: f64 = 1e-3;
-
-/// Score deducted for a harmonic without a line, in addition to the chance score of any position.
+/// Score deducted at each position of a comb, in addition to what a position has on average.
 const MISSING_LINE_PENALTY: f64 = 0.7;
+
+/// Smallest difference to what a position has on average, for a line half-way between the harmonics.
+const MIN_ABOVE_TYPICAL: f64 = 0.7;
+
+/// A multiple of the mesh frequency is the true one if at least this many of its harmonics have a line.
+const MIN_MULTIPLES: usize = 3;
 
 /// Search range of other combs, as fractions of the mesh frequency.
 const OTHER_MESH_RANGE: [f64; 2] = [0.45, 2.3];
@@ -102,16 +86,6 @@ pub(super) enum CombDoubt {
     OtherShaft(f64),
 }
 
-/// The lines of a spectrum up to a frequency: for each bin the logarithm of the ratio of a line within reach
-/// to the noise, 0 without a line.
-struct Lines<'a> {
-    log_ratios: &'a mut [f64],
-    /// Mean score of a position by chance, plus the penalty of a missing line.
-    chance: f64,
-    /// Combs within this fraction of a mesh frequency are the same.
-    same_mesh_tolerance: f64,
-}
-
 /// Computes the support of the comb with this mesh frequency by the narrow lines of `amplitude`.
 pub(super) fn support(
     amplitude: &[f64],
@@ -120,9 +94,9 @@ pub(super) fn support(
     scratch: &mut Vec<f64>,
     log_ratios: &mut Vec<f64>,
 ) -> Support {
-    let mut lines = Lines::of(up_to_comb(amplitude, mesh), scratch, log_ratios);
+    let mut lines = SpectrumLines::of(up_to_comb(amplitude, mesh), scratch, log_ratios);
     lines.exclude_other_meshes(mesh, context);
-    lines.support(mesh, orders(amplitude, mesh), context)
+    Comb::new(&lines, mesh, context, SAME_MESH_TOLERANCE).support()
 }
 
 /// Computes the support of a comb by narrow lines and by those that a fluctuating speed smears.
@@ -133,16 +107,12 @@ pub(super) fn smeared_support(
     scratch: &mut Vec<f64>,
     log_ratios: &mut Vec<f64>,
 ) -> Support {
-    let amplitude_up_to_comb = up_to_comb(amplitude, mesh);
-    let mut lines = Lines::of(amplitude_up_to_comb, scratch, log_ratios);
-    lines.add(&SmearedLines::of(amplitude_up_to_comb, scratch));
+    let amplitude = up_to_comb(amplitude, mesh);
+    let mut lines = SpectrumLines::of(amplitude, scratch, log_ratios);
+    lines.add(&SmearedLines::of(amplitude, scratch));
     lines.exclude_other_meshes(mesh, context);
-    Support { is_smeared: true, ..lines.support(mesh, orders(amplitude, mesh), context) }
-}
-
-/// Returns how many harmonics of a mesh lie in the spectrum.
-fn orders(amplitude: &[f64], mesh: f64) -> u32 {
-    (1..=HARMONICS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32
+    let comb = Comb::new(&lines, mesh, context, SAME_SMEARED_MESH_TOLERANCE);
+    Support { is_smeared: true, ..comb.support() }
 }
 
 fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
@@ -155,128 +125,89 @@ fn is_better(score: f64, than: f64) -> bool {
     score > MIN_GAIN_FACTOR * than.max(0.0) + MIN_GAIN
 }
 
-fn highest(amplitude: &[f64]) -> f64 {
-    let (blocks, rest) = amplitude.as_chunks::<8>();
-    let max = |a: f64, b: f64| if b > a { b } else { a };
-    let mut parts = [0.0; 8];
-    for block in blocks {
-        parts.iter_mut().zip(block).for_each(|(part, value)| *part = max(*part, *value));
-    }
-    parts.into_iter().chain(rest.iter().copied()).fold(0.0, max)
+/// A mesh comb with the lines among which it is judged.
+struct Comb<'a> {
+    lines: &'a SpectrumLines<'a>,
+    /// The mesh frequency.
+    mesh: f64,
+    context: &'a MeshContext,
+    /// Number of harmonics that lie in the spectrum.
+    sought: u32,
+    /// Combs within this fraction of the mesh frequency are the same.
+    same_mesh_tolerance: f64,
+    /// What a position has on average: of all bins or, if that is more, of the multiples of a shaft's rate. In
+    /// a long record at a steady speed most of these have a line.
+    typical: f64,
 }
 
-/// Returns whether even the highest bin is not above the noise estimated from the median of the bins
-/// `around`. Most blocks have no line, and counting the bins below a level takes a tenth of the time of
-/// finding their median.
-fn has_no_line(highest: f64, around: &[f64], min_noise: f64) -> bool {
-    if highest < MIN_LINE_RATIO * min_noise {
-        return true;
-    }
-    // The median is above this level if at most half of the bins are at or below it.
-    let level = highest / MIN_LINE_RATIO * MEDIAN_OF_NOISE * (1.0 + 1e-9);
-    let below = around.iter().map(|a| u32::from(*a <= level)).sum::<u32>();
-    below as usize <= around.len() / 2
-}
-
-impl<'a> Lines<'a> {
-    fn of(amplitude: &[f64], scratch: &mut Vec<f64>, log_ratios: &'a mut Vec<f64>) -> Self {
-        let length = amplitude.len();
-        log_ratios.clear();
-        log_ratios.resize(length, 0.0);
-        let min_noise = NOISE_FLOOR * highest(amplitude);
-        for start in (0..length).step_by(NOISE_BINS) {
-            let end = (start + NOISE_BINS).min(length);
-            let around = &amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)];
-            if has_no_line(highest(&amplitude[start..end]), around, min_noise) {
-                continue;
+impl<'a> Comb<'a> {
+    fn new(
+        lines: &'a SpectrumLines<'a>,
+        mesh: f64,
+        context: &'a MeshContext,
+        same_mesh_tolerance: f64,
+    ) -> Self {
+        let sought = (1..=HARMONICS as u32).take_while(|order| fits(f64::from(*order) * mesh, lines.bins()));
+        let sought = sought.count() as u32;
+        let mean_of_multiples = |teeth: u32| {
+            let shaft = mesh / f64::from(teeth.max(1));
+            if shaft < SHAFT_RESOLVED_BINS {
+                return 0.0;
             }
-            scratch.clear();
-            scratch.extend_from_slice(around);
-            let Some(noise) =
-                noise_amplitude(scratch).map(|noise| noise.max(min_noise)).filter(|noise| *noise > 0.0)
-            else {
-                continue;
-            };
-            for bin in start.max(1)..end.min(length - 1) {
-                let here = amplitude[bin];
-                if here < MIN_LINE_RATIO * noise || here < amplitude[bin - 1] || here < amplitude[bin + 1] {
-                    continue;
-                }
-                let value = (here / noise).min(MAX_LINE_RATIO).ln();
-                let reach = (REACH_BINS + REACH_FRACTION * bin as f64) as usize;
-                for log_ratio in &mut log_ratios[bin.saturating_sub(reach)..=(bin + reach).min(length - 1)] {
-                    *log_ratio = log_ratio.max(value);
-                }
-            }
-        }
-        let chance = MISSING_LINE_PENALTY + mean_of(log_ratios, |log_ratio| *log_ratio);
-        Self { log_ratios, chance, same_mesh_tolerance: SAME_MESH_TOLERANCE }
+            let multiples = (1..=teeth * sought).map(|multiple| lines.at(f64::from(multiple) * shaft));
+            multiples.sum::<f64>() / f64::from((teeth * sought).max(1))
+        };
+        let typical = [context.teeth, context.mate_teeth]
+            .map(mean_of_multiples)
+            .into_iter()
+            .fold(lines.mean(), f64::max);
+        Self { lines, mesh, context, sought, same_mesh_tolerance, typical }
     }
 
-    /// Adds lines that a fluctuating speed smears.
-    fn add(&mut self, smeared: &SmearedLines) {
-        for (bin, log_ratio) in self.log_ratios.iter_mut().enumerate() {
-            let likelihood = smeared.at(bin as f64);
-            if likelihood >= MIN_LIKELIHOOD {
-                *log_ratio = log_ratio.max(likelihood.min(MAX_SMEARED_LIKELIHOOD).ln());
-            }
-        }
-        self.chance = MISSING_LINE_PENALTY + mean_of(self.log_ratios, |log_ratio| *log_ratio);
-        self.same_mesh_tolerance = SAME_SMEARED_MESH_TOLERANCE;
-    }
-
-    /// Returns the support of the comb with this mesh frequency.
-    fn support(&self, mesh: f64, sought: u32, context: &MeshContext) -> Support {
-        let found = (1..=sought).filter(|order| self.at(f64::from(*order) * mesh) > 0.0).count() as u32;
-        let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
+    fn support(&self) -> Support {
+        let found = self.orders().filter(|order| self.has_line(*order)).count() as u32;
+        let slower_shaft = self.mesh / f64::from(self.context.teeth.max(self.context.mate_teeth).max(1));
         let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
-            // There is no noise to read between the sidebands.
-            None
-        } else if let Some(other) = self.other_mesh(mesh, sought) {
+            // There is no noise to read between the sidebands, but missing harmonics show.
+            self.missing_multiple().map(|factor| CombDoubt::OtherMesh(factor * self.mesh))
+        } else if let Some(other) = self.other_mesh() {
             Some(CombDoubt::OtherMesh(other))
         } else if found < MIN_HARMONICS {
             Some(CombDoubt::FewHarmonics)
         } else {
-            self.other_shaft(mesh, context).map(CombDoubt::OtherShaft)
+            self.other_shaft().map(CombDoubt::OtherShaft)
         };
         let reading = match doubt {
             Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
             _ => None,
         };
-        Support { found, sought, doubt, reading, is_smeared: false }
+        Support { found, sought: self.sought, doubt, reading, is_smeared: false }
     }
 
-    /// Excludes the lines of the other configured meshes.
-    fn exclude_other_meshes(&mut self, mesh: f64, context: &MeshContext) {
-        if context.others.is_empty() {
-            return;
-        }
-        let shaft = mesh / f64::from(context.teeth.max(1));
-        for (bin, log_ratio) in
-            self.log_ratios.iter_mut().enumerate().filter(|(_, log_ratio)| **log_ratio > 0.0)
-        {
-            let reach = 2.0 * (REACH_BINS + REACH_FRACTION * bin as f64);
-            if context.others.has_line_near(bin as f64 / shaft, reach / shaft) {
-                *log_ratio = 0.0;
-            }
-        }
+    fn orders(&self) -> impl Iterator<Item = u32> + Clone {
+        1..=self.sought
     }
 
-    fn at(&self, position: f64) -> f64 {
-        self.log_ratios.get((position + 0.5) as usize).copied().unwrap_or(0.0)
+    fn has_line(&self, order: u32) -> bool {
+        self.lines.at(f64::from(order) * self.mesh) > 0.0
     }
 
-    /// Returns the score of a comb over all lines.
+    fn score_at(&self, position: f64) -> f64 {
+        self.lines.at(position) - self.typical - MISSING_LINE_PENALTY
+    }
+
+    /// Returns the score of the comb with this mesh frequency over all lines.
     fn score(&self, mesh: f64) -> f64 {
         let positions = (1..).map(|order| f64::from(order) * mesh);
         positions
-            .take_while(|position| *position < self.log_ratios.len() as f64 - 1.0)
-            .map(|position| self.at(position) - self.chance)
+            .take_while(|position| *position < self.lines.bins() as f64 - 1.0)
+            .map(|position| self.score_at(position))
             .sum()
     }
 
     /// Returns the mesh frequency that fits more of the lines than this one, if any.
-    fn other_mesh(&self, mesh: f64, sought: u32) -> Option<f64> {
+    fn other_mesh(&self) -> Option<f64> {
+        let mesh = self.mesh;
         // One step moves the highest harmonic by less than a line's reach.
         let step = (REACH_BINS / HARMONICS as f64).max(REACH_FRACTION * mesh);
         let steps = ((OTHER_MESH_RANGE[1] - OTHER_MESH_RANGE[0]) * mesh / step) as usize;
@@ -287,31 +218,32 @@ impl<'a> Lines<'a> {
             .max_by(|a, b| a.1.total_cmp(&b.1));
         let better = best.filter(|(_, score)| is_better(*score, self.score(mesh)));
         better.map(|(other, _)| other).or_else(|| {
-            self.missing_multiple(mesh, sought)
+            self.missing_multiple()
                 .map(|factor| factor * mesh)
-                .or_else(|| self.has_lines_between(mesh, sought).then_some(0.5 * mesh))
+                .or_else(|| self.has_lines_between().then_some(0.5 * mesh))
         })
     }
 
     /// Returns 2 or 3 if only every second or third harmonic has a line: the true mesh frequency is that
     /// multiple.
-    fn missing_multiple(&self, mesh: f64, sought: u32) -> Option<f64> {
-        let has_line = |order: &u32| self.at(f64::from(*order) * mesh) > 0.0;
+    fn missing_multiple(&self) -> Option<f64> {
         [2, 3].into_iter().find_map(|factor| {
-            let found = (1..=sought).filter(has_line);
+            let found = self.orders().filter(|order| self.has_line(*order));
             let multiples = found.clone().filter(|order| order % factor == 0).count();
             let others = found.count() - multiples;
-            (multiples >= 2 && 3 * others < multiples).then_some(f64::from(factor))
+            (multiples >= MIN_MULTIPLES && 3 * others < multiples).then_some(f64::from(factor))
         })
     }
 
     /// Returns whether lines as strong as the harmonics lie half-way between them.
-    fn has_lines_between(&self, mesh: f64, sought: u32) -> bool {
-        let log_ratios = |shift: f64| {
-            let positions = (1..=sought).map(move |order| (f64::from(order) - shift) * mesh);
-            positions.map(|position| self.at(position)).filter(|line| *line > 0.0)
+    fn has_lines_between(&self) -> bool {
+        let above_typical = |shift: f64| {
+            let positions = self.orders().map(move |order| (f64::from(order) - shift) * self.mesh);
+            positions
+                .map(|position| self.lines.at(position) - self.typical)
+                .filter(|line| *line > MIN_ABOVE_TYPICAL)
         };
-        let (between, on) = (log_ratios(0.5), log_ratios(0.0));
+        let (between, on) = (above_typical(0.5), above_typical(0.0));
         between.clone().count() >= 2 && between.sum::<f64>() > 0.5 * on.sum::<f64>()
     }
 
@@ -322,9 +254,9 @@ impl<'a> Lines<'a> {
             orders.map(move |order| f64::from(harmonic) * mesh + order * shaft)
         };
         let harmonics = (1..=SHAFT_HARMONICS).map(|order| f64::from(order) * shaft);
-        let lines = harmonics.chain((1..=SIDEBAND_HARMONICS).flat_map(sides)).map(|place| self.at(place));
-        lines.fold((0, 0.0), |(count, score), line| {
-            (count + u32::from(line > 0.0), score + line - self.chance)
+        let positions = harmonics.chain((1..=SIDEBAND_HARMONICS).flat_map(sides));
+        positions.fold((0, 0.0), |(count, score), position| {
+            (count + u32::from(self.lines.at(position) > 0.0), score + self.score_at(position))
         })
     }
 
@@ -350,7 +282,8 @@ impl<'a> Lines<'a> {
     }
 
     /// Returns the shaft rate that spaces the sidebands, if it is not the one given by teeth and mesh.
-    fn other_shaft(&self, mesh: f64, context: &MeshContext) -> Option<f64> {
+    fn other_shaft(&self) -> Option<f64> {
+        let (mesh, context) = (self.mesh, self.context);
         let shaft = mesh / f64::from(context.teeth.max(1));
         let mate = (context.mate_teeth > 0).then(|| mesh / f64::from(context.mate_teeth));
         let others = context.others.shaft_orders().map(|order| order * shaft);
@@ -429,6 +362,23 @@ mod tests {
             assert_eq!((support.doubt, support.sought), (None, 16), "{positions:?}");
             assert!(support.found >= 4, "{support:?}");
         }
+    }
+
+    #[test]
+    fn lines_at_all_multiples_of_the_shaft_rate_are_no_other_mesh() {
+        let shaft = MESH / f64::from(TEETH);
+        let multiples = (1..=16 * TEETH).map(|multiple| f64::from(multiple) * shaft);
+        let support = support_of(MESH, multiples, &context());
+        assert_eq!((support.found, support.doubt), (16, None));
+    }
+
+    #[test]
+    fn half_of_the_mesh_frequency_is_in_doubt_in_a_short_record_too() {
+        // The slower shaft is at 6.9 bins.
+        let context = MeshContext::new([61, 70], 0.0, 0.0);
+        let support = support_of(MESH, comb(2.0 * MESH), &context);
+        assert_eq!(support.doubt, Some(CombDoubt::OtherMesh(2.0 * MESH)));
+        assert_eq!(support_of(MESH, comb(MESH), &context).doubt, None);
     }
 
     #[test]

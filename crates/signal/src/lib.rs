@@ -85,6 +85,7 @@ mod resampling;
 mod shaft_angle;
 mod smeared_comb;
 mod spectrum;
+mod spectrum_lines;
 mod speed;
 mod speed_compensation;
 mod speed_fluctuation;

@@ -159,7 +159,6 @@ fn noise_of(amplitude: &[f64], scratch: &mut Vec<f64>) -> Vec<f64> {
 }
 
 /// Searches the comb h·f with f from `low` to `high` bins.
-///
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
     let orders =
         (1..=HARMONICS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
