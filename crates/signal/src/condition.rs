@@ -17,7 +17,7 @@ use super::record::{Quality, RecordOf};
 pub const GEAR_PREPROCESSING: &str = "turns-2";
 
 /// Identifiers of the methods behind features and indicators over the shaft angle.
-const BOTH_PREPROCESSING: &str = "steadied-lines-8+turns-2";
+const BOTH_PREPROCESSING: &str = "steadied-lines-9+turns-2";
 
 /// Indicators that a clipped record does not provide: there they describe the converter, not the machine.
 const INVALID_WHEN_CLIPPED: [&str; 3] = ["peak", "crest_factor", "kurtosis"];

@@ -62,6 +62,11 @@ pub(super) struct MeshBand<'a> {
 }
 
 impl MeshBand<'_> {
+    /// Returns the duration of the record in seconds.
+    pub(super) fn duration_s(&self) -> f64 {
+        self.length as f64 / self.sample_rate_hz
+    }
+
     /// Determines the shaft angle from the phase of a harmonic within ± 0.9 shaft rates of `mesh_hz`, for a
     /// speed that varies less than that.
     pub(super) fn track_known(&self, transforms: &mut Transforms) -> Option<ShaftAngle> {
@@ -116,7 +121,7 @@ impl MeshBand<'_> {
         ahead_periods: Option<&dyn Fn(f64) -> f64>,
         transforms: &mut Transforms,
     ) -> Option<TrackedHarmonic> {
-        let duration_s = self.length as f64 / self.sample_rate_hz;
+        let duration_s = self.duration_s();
         let orders = f64::from(harmonic) * f64::from(self.teeth);
         let shaft_bins = self.mesh_hz / f64::from(self.teeth) * duration_s;
         let centre_hz = f64::from(harmonic) * self.mesh_hz;
@@ -191,7 +196,7 @@ impl MeshBand<'_> {
 
     fn angle(&self, tracked: &TrackedHarmonic, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let TrackedHarmonic { harmonic, ratio, orders, first, margin, phase, .. } = tracked;
-        let duration_s = self.length as f64 / self.sample_rate_hz;
+        let duration_s = self.duration_s();
         let samples = phase.len();
         let settled = *margin..samples - margin;
         // The band was shifted down to bin 1.

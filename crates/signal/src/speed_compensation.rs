@@ -44,6 +44,19 @@ pub(super) struct Mesh {
     pub(super) sample_rate_hz: f64,
 }
 
+impl Mesh {
+    /// Returns the mesh in the transform of a record of `length` samples.
+    fn band(self, bins: &[Complex<f64>], length: usize) -> MeshBand<'_> {
+        MeshBand {
+            bins,
+            length,
+            sample_rate_hz: self.sample_rate_hz,
+            teeth: self.teeth,
+            mesh_hz: self.bins * self.sample_rate_hz / length as f64,
+        }
+    }
+}
+
 /// The compensation of a transform, and the original bins and amplitudes.
 pub(super) struct SpeedCompensation {
     /// The mean mesh frequency in bins: that of the compensated lines.
@@ -83,51 +96,8 @@ pub(super) fn compensate(
     if let Some(mesh_bins) = work.compensated_mesh_bins {
         return Some(SpeedCompensation::apply(mesh_bins, work));
     }
-    let shaft_bins = mesh.bins / f64::from(mesh.teeth);
-    if shaft_bins < SHAFT_RESOLVED_BINS {
-        return None;
-    }
-    let width = line_width(work, mesh.bins, shaft_bins);
-    if width == LineWidth::Narrow {
-        return None;
-    }
-    let duration_s = work.length as f64 / mesh.sample_rate_hz;
-    let band = MeshBand {
-        bins: &work.bins,
-        length: work.length,
-        sample_rate_hz: mesh.sample_rate_hz,
-        teeth: mesh.teeth,
-        mesh_hz: mesh.bins / duration_s,
-    };
-    let by_own_phase = (width == LineWidth::Clear)
-        .then(|| {
-            let first = band.track_known(&mut work.transforms);
-            let first = work.tracked_angle.insert(first).as_ref()?;
-            Some(track_by_own_phase(&band, first, &mut work.transforms))
-        })
-        .flatten();
-    let angle = match by_own_phase {
-        Some(angle) if is_accurate_enough(&angle, harmonics * mesh.teeth as usize) => angle,
-        Some(angle) => {
-            let rough = Fluctuation::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
-            let ahead_periods = |part: f64| rough.revolutions(part) * f64::from(mesh.teeth);
-            match band.track_with_estimate(&ahead_periods, rough.relative_speed, &mut work.transforms) {
-                Some(better) => {
-                    angle.recycle(&mut work.transforms);
-                    better
-                }
-                None => angle,
-            }
-        }
-        None => {
-            let rough = SpeedFluctuation::of(&band, &mut work.transforms)?;
-            band.track_with_estimate(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
-        }
-    };
-    let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
-    // Revolutions ahead of the mean speed.
-    let ahead = Fluctuation::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
-    angle.recycle(&mut work.transforms);
+    let ahead = Fluctuation::of_record(work, mesh, harmonics)?;
+    let mean_bins = ahead.mean_hz * f64::from(mesh.teeth) * work.length as f64 / mesh.sample_rate_hz;
     if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < MIN_SWING_TURNS {
         return None;
     }
@@ -143,7 +113,7 @@ pub(super) fn compensate(
         }
         let (first, last) = (first as usize, last as usize);
         let turns_each = order as f64 * f64::from(mesh.teeth);
-        let band = MeshBand { bins: &work.bins, ..band };
+        let band = mesh.band(&work.bins, work.length);
         let mut signal = band.analytic(first, last, &mut work.transforms);
         let samples = signal.len();
         for (j, z) in signal.iter_mut().enumerate() {
@@ -233,20 +203,80 @@ struct Fluctuation {
     revolutions: [f64; Self::STEPS + 1],
     /// Largest relative deviation of the speed from the mean.
     relative_speed: f64,
+    /// The mean speed in hertz.
+    mean_hz: f64,
 }
 
 impl Fluctuation {
     /// Number of steps over the record; the speed changes slowly.
     const STEPS: usize = 512;
 
-    fn of(angle: &ShaftAngle, mean_hz: f64, duration_s: f64) -> Self {
-        let step_s = duration_s / Self::STEPS as f64;
+    /// Follows one harmonic of the mesh, or all together if none can be followed. `None` if the shaft is not
+    /// resolved or the speed is constant.
+    fn of_record(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) -> Option<Self> {
+        let shaft_bins = mesh.bins / f64::from(mesh.teeth);
+        if shaft_bins < SHAFT_RESOLVED_BINS {
+            return None;
+        }
+        let width = line_width(work, mesh.bins, shaft_bins);
+        if width == LineWidth::Narrow {
+            return None;
+        }
+        let RecordSpectrum { bins, transforms, tracked_angle, .. } = work;
+        let band = mesh.band(bins, work.length);
+        let by_own_phase = match width {
+            LineWidth::Clear => tracked_angle
+                .insert(band.track_known(transforms))
+                .as_ref()
+                .map(|first| track_by_own_phase(&band, first, transforms)),
+            _ => None,
+        };
+        let Some(angle) = by_own_phase else {
+            let rough = SpeedFluctuation::of(&band, transforms)?;
+            let ahead_periods = |part: f64| rough.ahead_periods(part);
+            return Some(match band.track_with_estimate(&ahead_periods, rough.reach(), transforms) {
+                Some(angle) => Self::of_angle(angle, &band, transforms),
+                None => Self::of_rough(&rough, &band),
+            });
+        };
+        if is_accurate_enough(&angle, harmonics * mesh.teeth as usize) {
+            return Some(Self::of_angle(angle, &band, transforms));
+        }
+        let first = Self::of(|t| angle.revolution(t), band.mesh_hz / f64::from(mesh.teeth), &band);
+        let ahead_periods = |part: f64| first.revolutions(part) * f64::from(mesh.teeth);
+        let better = band.track_with_estimate(&ahead_periods, first.relative_speed, transforms);
+        let angle = match better {
+            Some(better) => {
+                angle.recycle(transforms);
+                better
+            }
+            None => angle,
+        };
+        Some(Self::of_angle(angle, &band, transforms))
+    }
+
+    fn of_angle(angle: ShaftAngle, band: &MeshBand<'_>, transforms: &mut Transforms) -> Self {
+        let this = Self::of(|t| angle.revolution(t), angle.mean_speed_hz(), band);
+        angle.recycle(transforms);
+        this
+    }
+
+    fn of_rough(rough: &SpeedFluctuation, band: &MeshBand<'_>) -> Self {
+        let duration_s = band.duration_s();
+        let revolution =
+            |t: f64| (band.mesh_hz * t + rough.ahead_periods(t / duration_s)) / f64::from(band.teeth);
+        Self::of(revolution, revolution(duration_s) / duration_s, band)
+    }
+
+    /// Compares the angle in revolutions at each time in seconds with that at the mean speed.
+    fn of(revolution: impl Fn(f64) -> f64, mean_hz: f64, band: &MeshBand<'_>) -> Self {
+        let step_s = band.duration_s() / Self::STEPS as f64;
         let revolutions = std::array::from_fn(|i| {
             let t = i as f64 * step_s;
-            angle.revolution(t) - mean_hz * t
+            revolution(t) - mean_hz * t
         });
         let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-        Self { revolutions, relative_speed: (fastest / (mean_hz * step_s)).min(0.02) }
+        Self { revolutions, relative_speed: (fastest / (mean_hz * step_s)).min(0.02), mean_hz }
     }
 
     /// Returns half the range of the lead, in revolutions.

@@ -81,7 +81,7 @@ struct Path {
 
 impl Path {
     fn around(middle: f64, band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<Self> {
-        let duration_s = band.length as f64 / band.sample_rate_hz;
+        let duration_s = band.duration_s();
         let shaft_hz = band.mesh_hz / f64::from(band.teeth);
         let windows = ((duration_s * shaft_hz - WINDOW_TURNS) / HOP_TURNS) as usize + 1;
         if duration_s * shaft_hz < 3.0 * WINDOW_TURNS {
@@ -117,7 +117,7 @@ impl Path {
 
     fn fluctuation(&self, band: &MeshBand<'_>) -> SpeedFluctuation {
         const STEPS_A_WINDOW: usize = 16;
-        let duration_s = band.length as f64 / band.sample_rate_hz;
+        let duration_s = band.duration_s();
         let windows = self.states.len();
         let first_s = 0.5 * WINDOW_TURNS * f64::from(band.teeth) / band.mesh_hz;
         let deviation = |t: f64| {
@@ -202,7 +202,7 @@ fn add_harmonic(
     scores: &mut [Vec<f32>],
     transforms: &mut Transforms,
 ) {
-    let duration_s = band.length as f64 / band.sample_rate_hz;
+    let duration_s = band.duration_s();
     let shaft_hz = band.mesh_hz / f64::from(band.teeth);
     let centre_hz = order * band.mesh_hz;
     let reach_hz = REACH * centre_hz + shaft_hz;

@@ -103,6 +103,19 @@ fn smeared_high_harmonics_are_found_and_read() {
     }
 }
 
+/// Harmonics 9 to 16 in so much noise that none of them can be followed alone.
+#[test]
+fn weak_lines_are_read_along_the_fluctuation_of_all_together() {
+    for seed in 0..10 {
+        let got = analyze(&swinging(9..=16, 12.0, seed), MESH);
+        let speed = got.shaft_speed.unwrap();
+        assert!((speed.shaft_speed_hz / SHAFT_HZ - 1.0).abs() < 1e-3 && speed.doubt.is_none(), "{speed:?}");
+        let lines = (9..=16).map(|order| got.features.values[&format!("ln_mesh_{order}")]);
+        let mean = lines.sum::<f64>() / 8.0;
+        assert!(mean.abs() < 0.2, "{seed}: {mean}");
+    }
+}
+
 /// White noise through four resonances with a damping ratio of 0.01, each about as wide as a smeared line.
 #[test]
 fn resonances_are_not_a_mesh() {
