@@ -10,7 +10,7 @@ pub(super) use self::signs::TEETH;
 pub use self::signs::{MachineSign, SensorFault};
 use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};
-use flankwatch_signal::{EnvelopeLine, Features, NotComputed};
+use flankwatch_signal::{EnvelopeLine, Features};
 
 /// Below this p-value, wear does not explain a record.
 pub(super) const MIN_P_VALUE: f64 = 1e-4;
@@ -156,10 +156,8 @@ pub(super) fn judge(
     let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
     // A machine whose vibration had grown before it reached the end of the range is no sensor fault.
     let has_lasted = cusums.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
-    let sensor_fault = match record.fault {
-        Some(NotComputed::Constant) => Some(SensorFault::Dead),
-        Some(NotComputed::Clipped) if !has_lasted => Some(SensorFault::Clipped),
-        Some(NotComputed::Gaps) => Some(SensorFault::Gaps),
+    let sensor_fault = match record.fault.and_then(SensorFault::of_samples) {
+        Some(fault) if fault != SensorFault::Clipped || !has_lasted => Some(fault),
         _ if p_with_falls < MIN_P_VALUE => {
             sensor_fault(checks, context.lines_fell).or(context.gain.map(|_| SensorFault::GainChanged))
         }
@@ -293,6 +291,8 @@ fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<Sensor
 
 #[cfg(test)]
 mod tests {
+    use flankwatch_signal::NotComputed;
+
     use super::*;
 
     fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {

@@ -1,5 +1,6 @@
 //! Names for sensor faults and for signs of machine faults other than wear.
 
+use flankwatch_signal::NotComputed;
 use serde::{Deserialize, Serialize};
 
 /// Prefix of the tooth checks' names.
@@ -24,6 +25,16 @@ pub enum SensorFault {
 }
 
 impl SensorFault {
+    /// Returns the fault that the samples themselves show, if they show one.
+    pub(in crate::estimate) fn of_samples(fault: NotComputed) -> Option<Self> {
+        match fault {
+            NotComputed::Constant => Some(Self::Dead),
+            NotComputed::Clipped => Some(Self::Clipped),
+            NotComputed::Gaps => Some(Self::Gaps),
+            _ => None,
+        }
+    }
+
     /// Returns the fault in words.
     pub fn words(self) -> &'static str {
         match self {

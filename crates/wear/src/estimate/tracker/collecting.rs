@@ -1,5 +1,6 @@
 //! Collecting the healthy baseline.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use jiff::Timestamp;
@@ -14,7 +15,7 @@ use crate::estimate::cusum::Cusums;
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::Filter;
 use crate::estimate::healthy_checks::Drift;
-use crate::estimate::novelty::{RecordContext, judge};
+use crate::estimate::novelty::{RecordContext, SensorFault, judge};
 use crate::estimate::wear::{MissingLibrary, WearEstimate, WearStatus};
 use flankwatch_signal::Features;
 
@@ -145,7 +146,7 @@ impl Tracker {
             return (self.collect_meshless(&mut collecting.meshless, have, features), None);
         }
         if let Some(reason) = self.unusable_reason(features) {
-            return (self.without_depth(WearStatus::NoFeatures, have, reason), None);
+            return (self.without_depth(WearStatus::NoFeatures, have, &reason), None);
         }
         let ensemble = self.ensemble.as_deref();
         let rejection = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).rejection());
@@ -181,15 +182,15 @@ impl Tracker {
     }
 
     /// Returns why a record cannot be part of the baseline.
-    fn unusable_reason(&self, features: &Features) -> Option<&'static str> {
-        if features.fault.is_some() {
-            return Some("the samples of this record are faulty, so it is not used");
+    fn unusable_reason(&self, features: &Features) -> Option<Cow<'static, str>> {
+        if let Some(fault) = features.fault.and_then(SensorFault::of_samples) {
+            return Some(format!("{}, so this record is not used", fault.words()).into());
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
             return Some(match self.missing_library {
-                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used",
-                _ => NO_MESH_LINE,
+                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used".into(),
+                _ => NO_MESH_LINE.into(),
             });
         }
         None

@@ -1,6 +1,6 @@
 //! Tests of the fold over records of a synthetic library.
 
-use flankwatch_signal::{BearingLine, ByName, EnvelopeLine, LineSource};
+use flankwatch_signal::{BearingLine, ByName, EnvelopeLine, LineSource, NotComputed};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -101,6 +101,17 @@ fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
     let mut state = tracker.start();
     let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
     assert_eq!((wear.status, wear.baseline.have), (WearStatus::NoFeatures, 0));
+}
+
+#[test]
+fn the_reason_names_what_is_wrong_with_a_records_samples() {
+    let library = Arc::new(synthetic_library());
+    let tracker = tracker(&library);
+    let healthy = seen(&library, 0.0, 0.05, &mut ChaCha8Rng::seed_from_u64(1));
+    let clipped = Features { fault: Some(NotComputed::Clipped), ..healthy };
+    let wear = tracker.update(&mut tracker.start(), Timestamp::UNIX_EPOCH, &clipped);
+    assert_eq!(wear.status, WearStatus::NoFeatures);
+    assert_eq!(wear.reason, "the signal is clipped, so this record is not used");
 }
 
 #[test]
