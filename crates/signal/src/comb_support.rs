@@ -96,7 +96,7 @@ pub(super) fn support(
 ) -> Support {
     let mut lines = SpectrumLines::of(up_to_comb(amplitude, mesh), scratch, log_ratios);
     lines.exclude_other_meshes(mesh, context);
-    Comb::new(&lines, mesh, context, SAME_MESH_TOLERANCE).support()
+    Comb::new(&lines, mesh, context, false).support()
 }
 
 /// Computes the support of a comb by narrow lines and by those that a fluctuating speed smears.
@@ -111,8 +111,7 @@ pub(super) fn smeared_support(
     let mut lines = SpectrumLines::of(amplitude, scratch, log_ratios);
     lines.add(&SmearedLines::of(amplitude, scratch));
     lines.exclude_other_meshes(mesh, context);
-    let comb = Comb::new(&lines, mesh, context, SAME_SMEARED_MESH_TOLERANCE);
-    Support { is_smeared: true, ..comb.support() }
+    Comb::new(&lines, mesh, context, true).support()
 }
 
 fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
@@ -133,20 +132,15 @@ struct Comb<'a> {
     context: &'a MeshContext,
     /// Number of harmonics that lie in the spectrum.
     sought: u32,
-    /// Combs within this fraction of the mesh frequency are the same.
-    same_mesh_tolerance: f64,
+    /// Whether smeared lines are among them.
+    is_smeared: bool,
     /// What a position has on average: of all bins or, if that is more, of the multiples of a shaft's rate. In
     /// a long record at a steady speed most of these have a line.
     typical: f64,
 }
 
 impl<'a> Comb<'a> {
-    fn new(
-        lines: &'a SpectrumLines<'a>,
-        mesh: f64,
-        context: &'a MeshContext,
-        same_mesh_tolerance: f64,
-    ) -> Self {
+    fn new(lines: &'a SpectrumLines<'a>, mesh: f64, context: &'a MeshContext, is_smeared: bool) -> Self {
         let sought = (1..=HARMONICS as u32).take_while(|order| fits(f64::from(*order) * mesh, lines.bins()));
         let sought = sought.count() as u32;
         let mean_of_multiples = |teeth: u32| {
@@ -161,7 +155,7 @@ impl<'a> Comb<'a> {
             .map(mean_of_multiples)
             .into_iter()
             .fold(lines.mean(), f64::max);
-        Self { lines, mesh, context, sought, same_mesh_tolerance, typical }
+        Self { lines, mesh, context, sought, is_smeared, typical }
     }
 
     fn support(&self) -> Support {
@@ -174,6 +168,9 @@ impl<'a> Comb<'a> {
             Some(CombDoubt::OtherMesh(other))
         } else if found < MIN_HARMONICS {
             Some(CombDoubt::FewHarmonics)
+        } else if self.is_smeared {
+            // Smeared lines reach as far as their sidebands.
+            None
         } else {
             self.other_shaft().map(CombDoubt::OtherShaft)
         };
@@ -181,7 +178,7 @@ impl<'a> Comb<'a> {
             Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
             _ => None,
         };
-        Support { found, sought: self.sought, doubt, reading, is_smeared: false }
+        Support { found, sought: self.sought, doubt, reading, is_smeared: self.is_smeared }
     }
 
     fn orders(&self) -> impl Iterator<Item = u32> + Clone {
@@ -211,9 +208,10 @@ impl<'a> Comb<'a> {
         // One step moves the highest harmonic by less than a line's reach.
         let step = (REACH_BINS / HARMONICS as f64).max(REACH_FRACTION * mesh);
         let steps = ((OTHER_MESH_RANGE[1] - OTHER_MESH_RANGE[0]) * mesh / step) as usize;
+        let tolerance = if self.is_smeared { SAME_SMEARED_MESH_TOLERANCE } else { SAME_MESH_TOLERANCE };
         let best = (0..=steps)
             .map(|k| OTHER_MESH_RANGE[0] * mesh + k as f64 * step)
-            .filter(|other| (other / mesh - 1.0).abs() > self.same_mesh_tolerance)
+            .filter(|other| (other / mesh - 1.0).abs() > tolerance)
             .map(|other| (other, self.score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         let better = best.filter(|(_, score)| is_better(*score, self.score(mesh)));
