@@ -127,13 +127,13 @@ fn is_better(score: f64, than: f64) -> bool {
 /// A mesh comb with the lines among which it is judged.
 struct Comb<'a> {
     lines: &'a SpectrumLines<'a>,
+    /// Whether some of these are smeared.
+    is_smeared: bool,
     /// The mesh frequency.
     mesh: f64,
     context: &'a MeshContext,
     /// Number of harmonics that lie in the spectrum.
     sought: u32,
-    /// Whether smeared lines are among them.
-    is_smeared: bool,
     /// What a position has on average: of all bins or, if that is more, of the multiples of a shaft's rate. In
     /// a long record at a steady speed most of these have a line.
     typical: f64,
@@ -155,7 +155,7 @@ impl<'a> Comb<'a> {
             .map(mean_of_multiples)
             .into_iter()
             .fold(lines.mean(), f64::max);
-        Self { lines, mesh, context, sought, is_smeared, typical }
+        Self { lines, is_smeared, mesh, context, sought, typical }
     }
 
     fn support(&self) -> Support {
@@ -169,7 +169,7 @@ impl<'a> Comb<'a> {
         } else if found < MIN_HARMONICS {
             Some(CombDoubt::FewHarmonics)
         } else if self.is_smeared {
-            // Smeared lines reach as far as their sidebands.
+            // A smeared line covers its sidebands.
             None
         } else {
             self.other_shaft().map(CombDoubt::OtherShaft)
