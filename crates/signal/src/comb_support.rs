@@ -14,8 +14,14 @@ const MISSING_LINE_PENALTY: f64 = 0.7;
 /// Smallest difference to what a position has on average, for a line half-way between the harmonics.
 const MIN_ABOVE_TYPICAL: f64 = 0.7;
 
-/// A multiple of the mesh frequency is the true one if at least this many of its harmonics have a line.
-const MIN_MULTIPLES: usize = 3;
+/// Lines at this part of the multiples of a shaft's rate are the rule, as in a long record at a steady speed.
+const DENSE_PART: f64 = 0.4;
+
+/// A multiple of the mesh frequency is the true one if at least this many of its harmonics have a line, ...
+const MIN_MULTIPLES: usize = 2;
+
+/// ... or this many in a record that does not resolve the shafts.
+const MIN_MULTIPLES_UNRESOLVED: usize = 3;
 
 /// Search range of other combs, as fractions of the mesh frequency.
 const OTHER_MESH_RANGE: [f64; 2] = [0.45, 2.3];
@@ -119,6 +125,17 @@ fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
     &amplitude[..=top]
 }
 
+/// Returns what the multiples of a shaft's rate have on average, if many of them have a line.
+fn dense_level(lines: &SpectrumLines<'_>, shaft: f64, multiples: u32) -> Option<f64> {
+    if shaft < SHAFT_RESOLVED_BINS {
+        return None;
+    }
+    let all = (1..=multiples).map(|multiple| lines.at(f64::from(multiple) * shaft));
+    let (found, sum) =
+        all.fold((0_u32, 0.0), |(found, sum), line| (found + u32::from(line > 0.0), sum + line));
+    (f64::from(found) >= DENSE_PART * f64::from(multiples)).then(|| sum / f64::from(multiples))
+}
+
 /// Returns whether a comb with this score fits better than one with the other.
 fn is_better(score: f64, than: f64) -> bool {
     score > MIN_GAIN_FACTOR * than.max(0.0) + MIN_GAIN
@@ -134,8 +151,8 @@ struct Comb<'a> {
     context: &'a MeshContext,
     /// Number of harmonics that lie in the spectrum.
     sought: u32,
-    /// What a position has on average: of all bins or, if that is more, of the multiples of a shaft's rate. In
-    /// a long record at a steady speed most of these have a line.
+    /// What a position has on average: of all bins or, if many of these have a line, of the multiples of a
+    /// shaft's rate.
     typical: f64,
 }
 
@@ -143,17 +160,9 @@ impl<'a> Comb<'a> {
     fn new(lines: &'a SpectrumLines<'a>, mesh: f64, context: &'a MeshContext, is_smeared: bool) -> Self {
         let sought = (1..=HARMONICS as u32).take_while(|order| fits(f64::from(*order) * mesh, lines.bins()));
         let sought = sought.count() as u32;
-        let mean_of_multiples = |teeth: u32| {
-            let shaft = mesh / f64::from(teeth.max(1));
-            if shaft < SHAFT_RESOLVED_BINS {
-                return 0.0;
-            }
-            let multiples = (1..=teeth * sought).map(|multiple| lines.at(f64::from(multiple) * shaft));
-            multiples.sum::<f64>() / f64::from((teeth * sought).max(1))
-        };
         let typical = [context.teeth, context.mate_teeth]
-            .map(mean_of_multiples)
             .into_iter()
+            .filter_map(|teeth| dense_level(lines, mesh / f64::from(teeth.max(1)), teeth * sought))
             .fold(lines.mean(), f64::max);
         Self { lines, is_smeared, mesh, context, sought, typical }
     }
@@ -163,7 +172,8 @@ impl<'a> Comb<'a> {
         let slower_shaft = self.mesh / f64::from(self.context.teeth.max(self.context.mate_teeth).max(1));
         let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
             // There is no noise to read between the sidebands, but missing harmonics show.
-            self.missing_multiple().map(|factor| CombDoubt::OtherMesh(factor * self.mesh))
+            self.missing_multiple(MIN_MULTIPLES_UNRESOLVED)
+                .map(|factor| CombDoubt::OtherMesh(factor * self.mesh))
         } else if let Some(other) = self.other_mesh() {
             Some(CombDoubt::OtherMesh(other))
         } else if found < MIN_HARMONICS {
@@ -216,20 +226,20 @@ impl<'a> Comb<'a> {
             .max_by(|a, b| a.1.total_cmp(&b.1));
         let better = best.filter(|(_, score)| is_better(*score, self.score(mesh)));
         better.map(|(other, _)| other).or_else(|| {
-            self.missing_multiple()
+            self.missing_multiple(MIN_MULTIPLES)
                 .map(|factor| factor * mesh)
                 .or_else(|| self.has_lines_between().then_some(0.5 * mesh))
         })
     }
 
-    /// Returns 2 or 3 if only every second or third harmonic has a line: the true mesh frequency is that
-    /// multiple.
-    fn missing_multiple(&self) -> Option<f64> {
+    /// Returns 2 or 3 if only every second or third harmonic has a line, and at least `min_multiples` have one:
+    /// the true mesh frequency is that multiple.
+    fn missing_multiple(&self, min_multiples: usize) -> Option<f64> {
         [2, 3].into_iter().find_map(|factor| {
             let found = self.orders().filter(|order| self.has_line(*order));
             let multiples = found.clone().filter(|order| order % factor == 0).count();
             let others = found.count() - multiples;
-            (multiples >= MIN_MULTIPLES && 3 * others < multiples).then_some(f64::from(factor))
+            (multiples >= min_multiples && 3 * others < multiples).then_some(f64::from(factor))
         })
     }
 
