@@ -3,7 +3,6 @@
 use smallvec::SmallVec;
 
 use super::comb::{HARMONICS, SHAFT_RESOLVED_BINS};
-use super::line::fits;
 use super::mesh_context::MeshContext;
 use super::smeared_comb::SmearedLines;
 use super::spectrum_lines::{REACH_BINS, REACH_FRACTION, SpectrumLines};
@@ -72,6 +71,19 @@ pub(super) struct Support {
     pub(super) reading: Option<Reading>,
     /// Whether only smeared lines support the comb.
     pub(super) is_smeared: bool,
+    /// Whether another mesh frequency that fits better has a line at half of its harmonics or more.
+    pub(super) other_is_complete: bool,
+}
+
+impl Support {
+    /// Whether at least half of the harmonics have a line.
+    pub(super) fn is_complete(&self) -> bool {
+        is_complete([self.found, self.sought])
+    }
+}
+
+fn is_complete([found, sought]: [u32; 2]) -> bool {
+    2 * found >= sought
 }
 
 /// A reading of the lines: a mesh frequency in bins and, where its sidebands show it, the number of teeth.
@@ -149,7 +161,8 @@ struct Comb<'a> {
     /// The mesh frequency.
     mesh: f64,
     context: &'a MeshContext,
-    /// Number of harmonics that lie in the spectrum.
+    /// Number of harmonics with a line, and of those that lie in the spectrum.
+    found: u32,
     sought: u32,
     /// What a position has on average: of all bins or, if many of these have a line, of the multiples of a
     /// shaft's rate.
@@ -158,17 +171,16 @@ struct Comb<'a> {
 
 impl<'a> Comb<'a> {
     fn new(lines: &'a SpectrumLines<'a>, mesh: f64, context: &'a MeshContext, is_smeared: bool) -> Self {
-        let sought = (1..=HARMONICS as u32).take_while(|order| fits(f64::from(*order) * mesh, lines.bins()));
-        let sought = sought.count() as u32;
+        let [found, sought] = lines.harmonics(mesh);
         let typical = [context.teeth, context.mate_teeth]
             .into_iter()
             .filter_map(|teeth| dense_level(lines, mesh / f64::from(teeth.max(1)), teeth * sought))
             .fold(lines.mean(), f64::max);
-        Self { lines, is_smeared, mesh, context, sought, typical }
+        Self { lines, is_smeared, mesh, context, found, sought, typical }
     }
 
     fn support(&self) -> Support {
-        let found = self.orders().filter(|order| self.has_line(*order)).count() as u32;
+        let Self { found, sought, is_smeared, .. } = *self;
         let slower_shaft = self.mesh / f64::from(self.context.teeth.max(self.context.mate_teeth).max(1));
         let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
             // There is no noise to read between the sidebands, but missing harmonics show.
@@ -178,7 +190,7 @@ impl<'a> Comb<'a> {
             Some(CombDoubt::OtherMesh(other))
         } else if found < MIN_HARMONICS {
             Some(CombDoubt::FewHarmonics)
-        } else if self.is_smeared {
+        } else if is_smeared {
             // A smeared line covers its sidebands.
             None
         } else {
@@ -188,7 +200,11 @@ impl<'a> Comb<'a> {
             Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
             _ => None,
         };
-        Support { found, sought: self.sought, doubt, reading, is_smeared: self.is_smeared }
+        let other_is_complete = match doubt {
+            Some(CombDoubt::OtherMesh(other)) => is_complete(self.lines.harmonics(other)),
+            _ => false,
+        };
+        Support { found, sought, doubt, reading, is_smeared, other_is_complete }
     }
 
     fn orders(&self) -> impl Iterator<Item = u32> + Clone {

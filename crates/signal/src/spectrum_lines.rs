@@ -1,6 +1,7 @@
 //! The lines of a spectrum that stand out from the noise. Positions are in bins.
 
-use super::line::{MEDIAN_OF_NOISE, noise_amplitude};
+use super::comb::HARMONICS;
+use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_context::MeshContext;
 use super::smeared_comb::{MIN_LIKELIHOOD, SmearedLines};
 use super::sums::mean_of;
@@ -106,6 +107,15 @@ impl<'a> SpectrumLines<'a> {
     /// Returns the number of bins.
     pub(super) fn bins(&self) -> usize {
         self.log_ratios.len()
+    }
+
+    /// Returns how many harmonics of a mesh have a line, and how many lie in the spectrum.
+    pub(super) fn harmonics(&self, mesh: f64) -> [u32; 2] {
+        let positions = (1..=HARMONICS).map(|order| order as f64 * mesh);
+        let sought = positions.take_while(|position| fits(*position, self.bins()));
+        sought.fold([0, 0], |[found, sought], position| {
+            [found + u32::from(self.at(position) > 0.0), sought + 1]
+        })
     }
 
     /// Returns what a position has on average: some have a line by chance.

@@ -195,19 +195,22 @@ fn find_comb(
     };
     let first = find([low, high]);
     let doubt = first.and_then(|(_, lines)| lines.doubt);
-    if let Some(CombDoubt::OtherMesh(other)) = doubt
-        && (low..=high).contains(&other)
-    {
+    let other_in_range = match doubt {
+        Some(CombDoubt::OtherMesh(other)) => Some(other).filter(|other| (low..=high).contains(other)),
+        _ => None,
+    };
+    if let Some(other) = other_in_range {
         let near = [other * (1.0 - OTHER_MESH_TOLERANCE), other * (1.0 + OTHER_MESH_TOLERANCE)];
         if let Some(better) = find(near).filter(|(_, lines)| lines.doubt.is_none()) {
             return Some(better);
         }
     }
-    // A steady speed has a line at most harmonics. Where every multiple of the shaft rate has one, there is a
-    // doubt, but no smeared line.
-    let is_steady = |lines: Support| 2 * lines.found >= lines.sought;
+    // A complete comb of narrow lines, of this mesh or of one outside the range, means that the speed is
+    // steady: there is no smeared line.
     if first.is_some_and(|(_, lines)| {
-        matches!(lines.doubt, None | Some(CombDoubt::OtherShaft(_))) || is_steady(lines)
+        matches!(lines.doubt, None | Some(CombDoubt::OtherShaft(_)))
+            || lines.is_complete()
+            || lines.other_is_complete && other_in_range.is_none()
     }) {
         return first;
     }
