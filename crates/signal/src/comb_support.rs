@@ -137,11 +137,15 @@ fn up_to_comb(amplitude: &[f64], mesh: f64) -> &[f64] {
     &amplitude[..=top]
 }
 
-/// Returns what the multiples of a shaft's rate have on average, if many of them have a line.
-fn dense_level(lines: &SpectrumLines<'_>, shaft: f64, multiples: u32) -> Option<f64> {
+/// Returns what the multiples of the rate of a shaft with this many teeth have on average, up to harmonic
+/// `orders` of the mesh, if many of them have a line.
+fn dense_level(lines: &SpectrumLines<'_>, mesh: f64, teeth: u32, orders: u32) -> Option<f64> {
+    let shaft = mesh / f64::from(teeth);
     if shaft < SHAFT_RESOLVED_BINS {
         return None;
     }
+    // As the shaft is resolved, there are at most as many multiples as bins.
+    let multiples = teeth * orders;
     let all = (1..=multiples).map(|multiple| lines.at(f64::from(multiple) * shaft));
     let (found, sum) =
         all.fold((0_u32, 0.0), |(found, sum), line| (found + u32::from(line > 0.0), sum + line));
@@ -174,7 +178,8 @@ impl<'a> Comb<'a> {
         let [found, sought] = lines.harmonics(mesh);
         let typical = [context.teeth, context.mate_teeth]
             .into_iter()
-            .filter_map(|teeth| dense_level(lines, mesh / f64::from(teeth.max(1)), teeth * sought))
+            .filter(|teeth| *teeth > 0)
+            .filter_map(|teeth| dense_level(lines, mesh, teeth, sought))
             .fold(lines.mean(), f64::max);
         Self { lines, is_smeared, mesh, context, found, sought, typical }
     }
