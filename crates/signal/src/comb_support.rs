@@ -10,9 +10,6 @@ use super::spectrum_lines::{REACH_BINS, REACH_FRACTION, SpectrumLines};
 /// Score deducted at each position of a comb, in addition to what a position has on average.
 const MISSING_LINE_PENALTY: f64 = 0.7;
 
-/// Smallest difference to what a position has on average, for a line half-way between the harmonics.
-const MIN_ABOVE_TYPICAL: f64 = 0.7;
-
 /// Lines at this part of the multiples of a shaft's rate are the rule, as in a long record at a steady speed.
 const DENSE_PART: f64 = 0.4;
 
@@ -102,6 +99,16 @@ pub(super) enum CombDoubt {
     OtherMesh(f64),
     /// The sidebands are spaced by another shaft rate.
     OtherShaft(f64),
+}
+
+impl CombDoubt {
+    /// Returns the mesh frequency that fits better, if this is the evidence.
+    pub(super) fn other_mesh(self) -> Option<f64> {
+        match self {
+            Self::OtherMesh(other) => Some(other),
+            Self::FewHarmonics | Self::OtherShaft(_) => None,
+        }
+    }
 }
 
 /// Computes the support of the comb with this mesh frequency by the narrow lines of `amplitude`.
@@ -201,14 +208,9 @@ impl<'a> Comb<'a> {
         } else {
             self.other_shaft().map(CombDoubt::OtherShaft)
         };
-        let reading = match doubt {
-            Some(CombDoubt::OtherMesh(other)) => Some(self.reading(other)),
-            _ => None,
-        };
-        let other_is_complete = match doubt {
-            Some(CombDoubt::OtherMesh(other)) => is_complete(self.lines.harmonics(other)),
-            _ => false,
-        };
+        let other = doubt.and_then(CombDoubt::other_mesh);
+        let reading = other.map(|other| self.reading(other));
+        let other_is_complete = other.is_some_and(|other| is_complete(self.lines.harmonics(other)));
         Support { found, sought, doubt, reading, is_smeared, other_is_complete }
     }
 
@@ -268,9 +270,8 @@ impl<'a> Comb<'a> {
     fn has_lines_between(&self) -> bool {
         let above_typical = |shift: f64| {
             let positions = self.orders().map(move |order| (f64::from(order) - shift) * self.mesh);
-            positions
-                .map(|position| self.lines.at(position) - self.typical)
-                .filter(|line| *line > MIN_ABOVE_TYPICAL)
+            let lines = positions.filter(|position| self.score_at(*position) > 0.0);
+            lines.map(|position| self.lines.at(position) - self.typical)
         };
         let (between, on) = (above_typical(0.5), above_typical(0.0));
         between.clone().count() >= 2 && between.sum::<f64>() > 0.5 * on.sum::<f64>()

@@ -195,10 +195,7 @@ fn find_comb(
     };
     let first = find([low, high]);
     let doubt = first.and_then(|(_, lines)| lines.doubt);
-    let other_in_range = match doubt {
-        Some(CombDoubt::OtherMesh(other)) => Some(other).filter(|other| (low..=high).contains(other)),
-        _ => None,
-    };
+    let other_in_range = doubt.and_then(CombDoubt::other_mesh).filter(|other| (low..=high).contains(other));
     if let Some(other) = other_in_range {
         let near = [other * (1.0 - OTHER_MESH_TOLERANCE), other * (1.0 + OTHER_MESH_TOLERANCE)];
         if let Some(better) = find(near).filter(|(_, lines)| lines.doubt.is_none()) {

@@ -1,6 +1,5 @@
 //! Collecting the healthy baseline.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use jiff::Timestamp;
@@ -182,16 +181,17 @@ impl Tracker {
     }
 
     /// Returns why a record cannot be part of the baseline.
-    fn unusable_reason(&self, features: &Features) -> Option<Cow<'static, str>> {
+    fn unusable_reason(&self, features: &Features) -> Option<String> {
         if let Some(fault) = features.fault.and_then(SensorFault::of_samples) {
-            return Some(format!("{}, so this record is not used", fault.words()).into());
+            return Some(format!("{}, so this record is not used", fault.words()));
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
-            return Some(match self.missing_library {
-                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used".into(),
-                _ => NO_MESH_LINE.into(),
-            });
+            let reason = match self.missing_library {
+                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used",
+                _ => NO_MESH_LINE,
+            };
+            return Some(reason.to_owned());
         }
         None
     }
