@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::cli::CliError;
+use crate::cli::simulation::simulate::TRUTH_FILE_NAME;
 use crate::recording::{EXTENSIONS, RecordingFile};
 
 /// Expands folders to the recordings in them and in their subfolders, and patterns that the shell did not
@@ -50,7 +51,8 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>, CliError> {
     Ok(found)
 }
 
-/// The recordings in a folder and its subfolders; links to folders are not followed.
+/// The recordings in a folder and its subfolders; links to folders are not followed. The `truth.csv` of a run
+/// that `flankwatch simulate` wrote is a table of depths, not a recording.
 fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -60,7 +62,10 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
             let path = entry.path();
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 folders.push(path);
-            } else if path.is_file() && RecordingFile::has_extension(&path) {
+            } else if path.is_file()
+                && RecordingFile::has_extension(&path)
+                && entry.file_name() != TRUTH_FILE_NAME
+            {
                 found.push(path);
             }
         }
@@ -76,7 +81,7 @@ mod tests {
     fn folders_and_patterns_expand_to_recordings() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
-        for name in ["b.CSV", "a.csv.gz", "c.wav", "notes.txt"] {
+        for name in ["b.CSV", "a.csv.gz", "c.wav", "notes.txt", "truth.csv"] {
             fs::write(path(name), "").unwrap();
         }
         fs::create_dir(path("empty")).unwrap();
@@ -87,7 +92,7 @@ mod tests {
             found,
             [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav"), path("second/a.npy")]
         );
-        assert_eq!(recording_files(&[path("*.[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
+        assert_eq!(recording_files(&[path("[ab].[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
         for (pattern, expected) in [("*.flac", "no file matches"), ("[", "pattern")] {
             let error = recording_files(&[path(pattern)]).unwrap_err().to_string();
             assert!(error.contains(expected) && error.contains(pattern), "{error}");

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use serde::Deserialize;
 
+use super::simulate::TRUTH_FILE_NAME;
 use crate::cli::{CliError, output};
 use crate::evaluation::{
     Answer, ForecastScore, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore,
@@ -268,7 +269,7 @@ fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, 
         .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
         .collect();
     files.sort();
-    let mut table = csv::Reader::from_path(folder.join("truth.csv"))
+    let mut table = csv::Reader::from_path(folder.join(TRUTH_FILE_NAME))
         .map_err(|error| failed(format!("truth.csv: {error}")))?;
     let truth: Vec<f64> = table
         .deserialize()

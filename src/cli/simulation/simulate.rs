@@ -18,6 +18,9 @@ use crate::recording::{McapCompression, McapOptions, McapWriter, WavWriter};
 use crate::signal::Record;
 use crate::simulation::{Run, RunPlan, SimulatedRecord};
 
+/// The file with the true wear depths, beside the records of a run.
+pub(in crate::cli) const TRUTH_FILE_NAME: &str = "truth.csv";
+
 /// Number of records simulated in parallel before they are written in order.
 const BATCH: u32 = 8;
 
@@ -191,7 +194,7 @@ fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result
         bar.inc(1);
         Ok(())
     })?;
-    output::write_file(&args.out.join("truth.csv"), truth.as_bytes())
+    output::write_file(&args.out.join(TRUTH_FILE_NAME), truth.as_bytes())
 }
 
 fn write_wav(path: &Path, record: &Record) -> Result<(), CliError> {
