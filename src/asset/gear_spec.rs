@@ -11,7 +11,7 @@ use crate::gear::PairSpec;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GearSpec {
-    /// Tooth numbers of the driving and the driven gear.
+    /// Tooth counts of the driving and the driven gear.
     #[serde(deserialize_with = "integer_pair::teeth")]
     pub teeth: [u32; 2],
     /// Nominal rotational frequency of the driving shaft in hertz.
@@ -50,7 +50,7 @@ impl GearSpec {
     /// Checks teeth and speed against their limits; [`PairSpec::check`] checks the pair.
     pub fn check_beside_pair(&self) -> Result<(), AssetError> {
         if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
-            return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));
+            return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth counts from 4 to 1000"));
         }
         let names = ["gear.shaft_speed_hz", "gear.speed_tolerance"];
         shaft::check_speed(names, self.shaft_speed_hz, self.speed_tolerance)
@@ -62,7 +62,7 @@ impl GearSpec {
             Some(pair) if pair.geometry.teeth != self.teeth => Err(field(
                 "gear.pair.geometry.teeth",
                 format!("{:?}", pair.geometry.teeth),
-                "the same tooth numbers as gear.teeth",
+                "the same tooth counts as gear.teeth",
             )),
             _ => Ok(()),
         }

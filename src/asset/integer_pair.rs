@@ -5,7 +5,7 @@ use serde::de::{Deserialize, Deserializer, Error};
 /// Maximum number of list elements shown in an error.
 const MAX_SHOWN: usize = 8;
 
-const TEETH: &str = "two tooth numbers from 4 to 1000";
+const TEETH: &str = "two tooth counts from 4 to 1000";
 const RATIO: &str = "two whole numbers from 1 to 1000000";
 
 /// `gear.teeth`.
@@ -68,7 +68,7 @@ mod tests {
         };
         assert_eq!(spec("[24, 36]").unwrap().teeth(), Some([24, 36]));
         for (teeth, shown) in [
-            ("[24, 26, 27]", "gear.teeth is [24, 26, 27], expected two tooth numbers from 4 to 1000"),
+            ("[24, 26, 27]", "gear.teeth is [24, 26, 27], expected two tooth counts from 4 to 1000"),
             ("[24]", "gear.teeth is [24], expected"),
             ("[24, 26.5]", "gear.teeth is [24, 26.5], expected"),
             ("[24, -1]", "gear.teeth is [24, -1], expected"),

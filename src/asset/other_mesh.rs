@@ -14,14 +14,14 @@ const MAX_OTHERS: usize = 7;
 /// Maximum number of meshes monitored with one sensor.
 pub const MAX_ON_ONE_SENSOR: usize = 8;
 
-/// Maximum product of tooth numbers from one shaft to another.
+/// Maximum product of tooth counts from one shaft to another.
 const MAX_TEETH: u32 = 1_000_000;
 
 /// Another mesh within range of the sensor that no asset monitors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OtherMeshSpec {
-    /// Tooth numbers of its driving and its driven gear.
+    /// Tooth counts of its driving and its driven gear.
     #[schema(example = json!([19, 57]))]
     #[serde(deserialize_with = "integer_pair::other_teeth")]
     pub teeth: [u32; 2],
@@ -103,7 +103,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
         return Err(field(
             "gear.shaft_ratio",
             format!("{:?}", gear.shaft_ratio.unwrap_or_default()),
-            "two numbers from 1 to 1000000: the products of the driving and of the driven tooth numbers",
+            "two numbers from 1 to 1000000: the products of the driving and of the driven tooth counts",
         ));
     }
     if gear.other_meshes.len() > MAX_OTHERS {
@@ -117,7 +117,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
         return Err(field(
             "gear.other_meshes",
             other.words(),
-            "two tooth numbers from 4 to 1000 each, and shaft_ratio of two numbers from 1 to 1000000",
+            "two tooth counts from 4 to 1000 each, and shaft_ratio of two numbers from 1 to 1000000",
         ));
     }
     Ok(())

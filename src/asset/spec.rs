@@ -236,7 +236,7 @@ impl AssetSpec {
         self.gear.as_ref()?.pair.as_ref()
     }
 
-    /// Tooth numbers of the driving and the driven gear.
+    /// Tooth counts of the driving and the driven gear.
     pub fn teeth(&self) -> Option<[u32; 2]> {
         Some(self.gear.as_ref()?.teeth)
     }

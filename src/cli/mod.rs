@@ -27,7 +27,7 @@ use simulation::{evaluate, figures, library, model, simulate};
 
 pub use error::CliError;
 
-/// Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
+/// Condition monitoring of spur gears: estimates wear depth, with an interval, from vibration records.
 #[derive(Parser)]
 #[command(name = "flankwatch", version, arg_required_else_help = true)]
 struct Cli {

@@ -19,7 +19,7 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
     };
     let raised = report.alarms.iter().filter_map(|alarm| Some((alarm.severity?, alarm)));
     let limited = wear_beyond(report);
-    // of the alarm and the limit on the same depth, the limit says more
+    // a depth alarm repeats the limit, which has more detail
     let raised = raised.filter(|(severity, alarm)| {
         alarm.quantity != AlarmQuantity::WearUm || limited.as_ref().is_none_or(|(at, _)| at != severity)
     });

@@ -99,7 +99,7 @@ export const CHECKS = {
   "records of another gearbox ask whether teeth and speed are right": async (name) => {
     const opened = await desk({ gear: { teeth: [32, 80], shaft_speed_hz: 30 } });
     const { id, page } = opened;
-    const question = /the lines fit 24 × 16.64 Hz better than 32 × .*; are teeth and speed right\?/;
+    const question = /the lines fit 24 × 16.64 Hz better than 32 × .*; are the tooth counts and the speed correct\?/;
     const buffer = wav(20_000, gearbox(10_000), 10_000);
     await page.setInputFiles("#upload-file", [audio("pump_20260401_080000.wav", buffer)]);
     await send(page);
@@ -424,17 +424,17 @@ export const CHECKS = {
           .join("T") + "Z",
       );
     for (const minutes of [60, 90]) {
-      await spacing.getByLabel("Every, minutes").fill(String(minutes));
-      await spacing.getByLabel("Every, minutes").blur();
+      await spacing.getByLabel("Interval, minutes").fill(String(minutes));
+      await spacing.getByLabel("Interval, minutes").blur();
       assert.equal((await last()) - (await offered()), 2 * minutes * 60_000);
       assert.ok(Math.abs((await last()) - Date.now()) < 600_000);
       assert.ok((await last()) <= Date.now());
     }
     await spacing.getByLabel("First record, UTC").fill("2099-05-01T06:00:00");
-    await spacing.getByLabel("Every, minutes").focus();
+    await spacing.getByLabel("Interval, minutes").focus();
     await spacing.getByText("Last record: 2099-05-01 09:00:00 UTC, which is in the future.").waitFor();
     await spacing.getByLabel("First record, UTC").fill("2026-05-01T06:00:00");
-    await spacing.getByLabel("Every, minutes").fill("90");
+    await spacing.getByLabel("Interval, minutes").fill("90");
     await shoot(page, name);
     // without them the files would stand at one moment
     const asked = page.waitForEvent("dialog");

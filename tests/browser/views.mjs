@@ -146,7 +146,7 @@ export const CHECKS = {
     await page.getByLabel("Teeth, driving").fill("-3");
     await page.getByRole("button", { name: "Save", exact: true }).click();
     const driving = page.locator(".setup-field", { has: page.getByLabel("Teeth, driving") }).first();
-    await driving.getByText("Teeth, driving: expected two tooth numbers from 4 to 1000").waitFor();
+    await driving.getByText("Teeth, driving: expected two tooth counts from 4 to 1000").waitFor();
     assert.equal(await page.getByLabel("Teeth, driving").first().getAttribute("aria-invalid"), "true");
     await page.getByText("Saving failed: a field is invalid.").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);

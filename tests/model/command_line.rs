@@ -167,7 +167,10 @@ fn the_table_asks_about_teeth_and_speed_and_says_why_records_are_not_comparable(
         let table =
             flankwatch(&[&["analyze", &run, "--asset", &wrong], words].concat()).expect_success().out();
         let last = table.trim_end().lines().last().unwrap().to_owned();
-        assert!(last.ends_with("; are teeth and speed right?") && last.contains(" better than "), "{table}");
+        assert!(
+            last.ends_with("; are the tooth counts and the speed correct?") && last.contains(" better than "),
+            "{table}"
+        );
         last
     };
     let found = question(&[]);

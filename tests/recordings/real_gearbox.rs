@@ -135,7 +135,7 @@ fn a_detected_speed_is_correct_or_marked_as_doubtful() {
     }
 }
 
-/// The mesh line and OMX of all four channels, over time and over the shaft's angle; tooth numbers and rate
+/// The mesh line and OMX of all four channels, over time and over the shaft's angle; tooth counts and rate
 /// are those that the data's README infers.
 #[test]
 #[ignore = "needs the folder of real recordings"]

@@ -340,7 +340,7 @@ fn an_invalid_field_is_reported_with_value_and_expectation() {
         service.post_json("/v1/assets", &asset).expect_problem(422, &["gear.teeth is [24, 26, 27]"]);
     assert_eq!(
         (&refused["field"], &refused["value"], &refused["expected"]),
-        (&json!("gear.teeth"), &json!("[24, 26, 27]"), &json!("two tooth numbers from 4 to 1000"))
+        (&json!("gear.teeth"), &json!("[24, 26, 27]"), &json!("two tooth counts from 4 to 1000"))
     );
     service.plain_asset("pump");
     for (name, value) in [("torque_nm", "1e308"), ("shaft_speed_hz", "1e308"), ("reference_wear_um", "1e308")]

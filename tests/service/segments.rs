@@ -245,7 +245,7 @@ fn a_speed_in_doubt_is_said_with_its_reason() {
     let reason = segment["wear"]["reason"].as_str().unwrap();
     let readings = ["a mesh frequency of 310.", " Hz (23 × 13.4", " Hz or 30.7 × 10.", " better than "];
     assert!(readings.iter().all(|part| reason.contains(part)), "{reason}");
-    assert!(reason.ends_with("are teeth and speed right?"), "{reason}");
+    assert!(reason.ends_with("are the tooth counts and the speed correct?"), "{reason}");
     assert_eq!(segment["wear"]["baseline"]["have"], 0);
 }
 
@@ -270,7 +270,7 @@ fn first_records_of_another_gearbox_ask_whether_teeth_and_speed_are_right() {
         assert_eq!((&wear["status"], &wear["baseline"]["have"]), (&json!(status), &json!(have)), "{wear}");
         let reason = wear["reason"].as_str().unwrap();
         assert!(reason.contains("the lines fit 24 × 16.64 Hz better than 32 × "), "{reason}");
-        assert!(reason.ends_with("; are teeth and speed right?"), "{reason}");
+        assert!(reason.ends_with("; are the tooth counts and the speed correct?"), "{reason}");
     }
 }
 

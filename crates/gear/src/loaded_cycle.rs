@@ -358,7 +358,7 @@ mod tests {
         }
     }
 
-    /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and
+    /// Gears of other tooth counts, profile shifts, bores and pressure angles: the cycle is sound and
     /// stiffer with two pairs than one.
     #[test]
     fn other_pairs_are_plausible() {

@@ -40,7 +40,7 @@ pub struct PairSpec {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GeometrySpec {
-    /// Tooth numbers z₁, z₂.
+    /// Tooth counts z₁, z₂.
     pub teeth: [u32; 2],
     /// Module in mm.
     pub module_mm: f64,

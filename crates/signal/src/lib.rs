@@ -25,7 +25,7 @@
 //! # Ok::<(), flankwatch_signal::RecordError>(())
 //! ```
 //!
-//! The only gear data used here are tooth numbers and the shaft speed. Simulated and measured records take
+//! The only gear data used here are tooth counts and the shaft speed. Simulated and measured records take
 //! the same code path. An analyzer transforms a record once, without a window; the Hann spectrum, the mesh
 //! comb, all lines and the band envelopes come from those bins. Signals over the shaft angle
 //! ([`AngleRecord`], [`GearSignals`]) need a resampling as well and are computed on request.

@@ -1,7 +1,7 @@
 //! Other meshes that the same sensor measures: the positions of their lines relative to those of the mesh
 //! under analysis.
 //!
-//! All shafts of a gearbox are coupled by tooth numbers, so a line of another mesh has a fixed order of this
+//! All shafts of a gearbox are coupled by tooth counts, so a line of another mesh has a fixed order of this
 //! mesh's driving shaft. Its harmonics and sidebands carry no information on this mesh and are no sign of a
 //! bearing fault.
 

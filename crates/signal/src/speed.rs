@@ -116,7 +116,7 @@ impl ShaftSpeed {
                 mesh_hz / shaft_speed_hz
             ),
         };
-        Some(format!("the shaft speed is in doubt: {evidence}; are teeth and speed right?"))
+        Some(format!("the shaft speed is in doubt: {evidence}; are the tooth counts and the speed correct?"))
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! `cargo bench -p flankwatch-wear --bench pairs` draws 48 pairs; `FLANKWATCH_PAIRS=70` draws 70. A library
 //! has 50 states and one operating point. The reference is measured before and after each library, and a
-//! ratio is the middle one of three, since the clock of a shared machine wanders.
+//! ratio is the median of three, since the clock of a shared machine wanders.
 
 use std::fs;
 

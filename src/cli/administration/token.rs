@@ -24,7 +24,7 @@ enum Action {
     Create {
         /// Name that says what the token is for.
         name: String,
-        /// read: view; write: also send records and acknowledge alarms; admin: also create and delete assets.
+        /// read: view; write: also send records, run replays, act on alarms and report maintenance; admin: also manage assets and tokens, and delete records.
         #[arg(long, default_value = "read")]
         scope: Scope,
     },

@@ -16,8 +16,8 @@ const MV_PER_V: f64 = 1e3;
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct RecordingValues {
-    /// Factor for the values of WAV, FLAC, CSV, MATLAB and NumPy; full-scale WAV and FLAC integers are 1
-    /// before
+    /// Factor for the values of WAV, FLAC, CSV, MATLAB and NumPy, applied after full-scale integers of WAV
+    /// and FLAC are scaled to 1
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
     /// Sensor sensitivity in mV/g: converts values in volts (after --scale) to g

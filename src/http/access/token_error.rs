@@ -8,7 +8,7 @@ use crate::store::StoreError;
 #[derive(Debug, Error)]
 pub enum TokenError {
     /// The system provides no random numbers.
-    #[error("no random numbers available: {0}")]
+    #[error("failed to generate random bytes: {0}")]
     Random(String),
     /// The token does not exist.
     #[error("token {0:?} not found")]

@@ -135,7 +135,7 @@ const firstOnTop = ({ traces, others }) => [...others, ...traces];
 
 const hasLines = (data) => !("frequency_hz" in data) || data.frequency_hz.length > 0;
 
-/** The tooth numbers shared by all records, or none when they differ. */
+/** The tooth counts shared by all records, or none when they differ. */
 function sameTeeth(records) {
   const all = records.map(({ asset }) => asset.gear?.teeth);
   return all.every((teeth) => String(teeth) === String(all[0])) ? all[0] : undefined;

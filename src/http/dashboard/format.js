@@ -222,7 +222,7 @@ export function speedSource(speed) {
   return comb ? `${words}, ${number(comb, 2)} times the background${support}` : words;
 }
 
-/** Why a shaft speed or tooth number may be wrong, with both readings, as a question; null without doubt. */
+/** Why a shaft speed or tooth number may be wrong, with both interpretations, as a question; null without doubt. */
 export function speedDoubt({
   doubt,
   shaft_speed_hz: shaft,
@@ -232,7 +232,7 @@ export function speedDoubt({
 }) {
   if (!doubt) return null;
   const described = `${Math.round(mesh / shaft)} × ${hertz(shaft)}`;
-  const question = (evidence) => `uncertain: ${evidence}; are teeth and speed right?`;
+  const question = (evidence) => `uncertain: ${evidence}; are the tooth counts and the speed correct?`;
   if (doubt.reason === "other_mesh") {
     const { mesh_frequency_hz: other, teeth } = doubt;
     return question(

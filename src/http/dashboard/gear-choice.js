@@ -26,7 +26,7 @@ export class GearChoice {
     ].map(([value, text]) => h("option", { value }, text)),
   );
 
-  /** Updates from the address; shows the tooth numbers when known. A machine without gears has no choice. */
+  /** Updates from the address; shows the tooth counts when known. A machine without gears has no choice. */
   show(query, teeth, hasGears = true) {
     this.element.hidden = !hasGears;
     NAMES.forEach((name, index) => {

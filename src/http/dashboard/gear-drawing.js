@@ -87,7 +87,7 @@ export function drawPair(element, geometry) {
   if (!gears[0] || !gears[1])
     return setChildren(
       element,
-      h("p", { class: "notice" }, "Tooth numbers and module are needed to draw the gears."),
+      h("p", { class: "notice" }, "Tooth counts and module are needed to draw the gears."),
     );
   const distance = Number(geometry.centre_distance_mm) || gears[0].reference + gears[1].reference;
   const [left, right] = gears;

@@ -99,7 +99,7 @@ export class ImportFile {
     this.element = h("li", {}, this.#details, remove);
   }
 
-  /** Folds the card to one line, unless there is something to see to. */
+  /** Collapses the card to one line, unless something needs attention. */
   fold() {
     const notes = [this.#fault, this.#collision, ...(this.hasGuessedStart ? [] : [this.#twins])];
     this.#details.open = !this.seen?.type || notes.some(({ hidden }) => !hidden);

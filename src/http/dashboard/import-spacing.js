@@ -42,7 +42,7 @@ export class StartSpacing {
       h(
         "label",
         { class: "field", for: "spacing-interval" },
-        h("span", {}, "Every, minutes"),
+        h("span", {}, "Interval, minutes"),
         this.#interval,
       ),
       h("button", { type: "button", onclick: () => this.#apply() }, "Set start times"),

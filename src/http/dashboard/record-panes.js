@@ -94,7 +94,7 @@ function posterior({ segment, asset, revision }) {
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }
 
-/** What a machine's lines follow from: tooth numbers of its mesh, orders of its bearings. */
+/** What a machine's lines follow from: tooth counts of its mesh, orders of its bearings. */
 const machineLines = ({ gear, summary }) => ({ teeth: gear?.teeth, bearings: summary.bearing_orders ?? {} });
 
 /**

@@ -33,9 +33,9 @@ export const GROUPS = [
       },
       {
         path: "sensor.channel",
-        label: "Channel that represents the asset",
+        label: "Channel used for wear",
         kind: "text",
-        hint: "the first channel",
+        hint: "all combined",
       },
       { path: "baseline.records", label: "Baseline records, at least 8", kind: "integer" },
     ],

@@ -24,14 +24,14 @@ export const RARE_OF_PAIR = {
     },
     {
       path: "gear.pair.errors.random_clock_hz",
-      label: "Clock of the random error",
+      label: "Update rate of the random error",
       unit: "Hz",
       hint: "20000",
     },
     { path: "gear.pair.errors.seed", label: "Seed of the random error", kind: "integer", hint: "1" },
     {
       path: "gear.pair.errors.short_period_phase",
-      label: "Phase of the error once per tooth",
+      label: "Phase of the once-per-tooth error",
       unit: "mesh periods",
       hint: "0",
     },

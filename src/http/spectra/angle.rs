@@ -57,7 +57,7 @@ pub(crate) struct OrderView {
     amplitude: Vec<f64>,
     /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, at full resolution.
     mesh_amplitudes: Vec<f64>,
-    /// Tooth numbers, driving and driven; none for a machine without a mesh.
+    /// Tooth counts, driving and driven; none for a machine without a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
     /// Source and accuracy of the shaft angle.
@@ -141,7 +141,7 @@ pub(crate) struct TurnView {
     gear: u32,
     /// Number of whole turns averaged.
     turns: usize,
-    /// Tooth numbers, driving and driven.
+    /// Tooth counts, driving and driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
     /// Source and accuracy of the shaft angle.

@@ -40,7 +40,7 @@ pub(crate) struct CepstrumView {
     quefrency_s: Vec<f64>,
     /// The real cepstrum, dimensionless.
     value: Vec<f64>,
-    /// Tooth numbers, driving and driven.
+    /// Tooth counts, driving and driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
     /// Shaft speed in hertz, if known.

@@ -112,7 +112,7 @@ impl Streams {
                 | ServiceError::SensorOfOther { .. }),
             ) => {
                 let (asset, name) = (&stream.asset, &stream.name);
-                tracing::warn!(%asset, name, first, %error, "skipped a record of a stream: it was refused");
+                tracing::warn!(%asset, name, first, %error, "skipped an invalid record of a stream");
                 true
             }
             Err(error) => return Err(error),

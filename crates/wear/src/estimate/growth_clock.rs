@@ -25,7 +25,7 @@ const GAP: f64 = 5.0;
 /// Weight of the newest interval in that mean.
 const NEWEST_INTERVAL: f64 = 0.2;
 
-/// What the records before show of the estimate.
+/// Evidence of fast wear in the previous records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Signs {
     /// Several records in a row are best explained by greater depths than the interval holds.
@@ -67,7 +67,7 @@ impl GrowthClock {
 
     /// Returns what passes up to a record at this time, under a load relative to the described one.
     ///
-    /// Where wear is deeper than expected and the lines move, the machine is as young as at its baseline.
+    /// Where wear is deeper than expected and the lines move, the age restarts at zero.
     pub(super) fn advance(&mut self, at: Timestamp, load: f64, signs: Signs) -> Elapsed {
         let intervals = self.intervals(self.newest, at);
         let is_gap = self.add_interval(at);

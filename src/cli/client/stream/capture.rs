@@ -21,7 +21,7 @@ pub(super) trait CaptureDevice: Send {
     /// Frames in the buffer; `None` if the device has stopped.
     fn buffered_frames(&self) -> Option<u64>;
 
-    /// The time since any moment, of a clock that never jumps.
+    /// The time since an arbitrary moment, by a monotonic clock.
     fn monotonic_time(&self) -> Duration;
 }
 
@@ -131,10 +131,10 @@ mod tests {
     use super::*;
     use crate::recording::RawSample;
 
-    /// A device at 1000 Hz that is read late at times, as a clock of milliseconds tells.
+    /// A device at 1000 Hz that is sometimes read late, with a millisecond clock.
     struct LateDevice {
         time_ms: u64,
-        /// The time of its next sample, and that since which it runs.
+        /// The times of its next sample and of its start.
         sampled_to_ms: u64,
         /// Milliseconds from one read to the next.
         reads: VecDeque<u64>,

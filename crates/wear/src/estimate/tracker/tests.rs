@@ -161,7 +161,8 @@ fn first_records_at_a_doubtful_given_speed_ask_about_it() {
     let tracker = Tracker::new(settings(), None);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let mut state = tracker.start();
-    let doubt = "the lines fit 24 × 16.64 Hz better than 32 × 30.00 Hz; are teeth and speed right?";
+    let doubt =
+        "the lines fit 24 × 16.64 Hz better than 32 × 30.00 Hz; are the tooth counts and the speed correct?";
     let mut take = || {
         let given_speed_doubt = Some(doubt.to_owned());
         let features = Features { given_speed_doubt, ..seen(&library, 0.0, 0.05, &mut rng) };
