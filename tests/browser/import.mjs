@@ -99,7 +99,8 @@ export const CHECKS = {
   "records of another gearbox ask whether teeth and speed are right": async (name) => {
     const opened = await desk({ gear: { teeth: [32, 80], shaft_speed_hz: 30 } });
     const { id, page } = opened;
-    const question = /the lines fit 24 × 16.64 Hz better than 32 × .*; are the tooth counts and the speed correct\?/;
+    const question =
+      /the lines fit 24 × 16.64 Hz better than 32 × .*; are the tooth counts and the speed correct\?/;
     const buffer = wav(20_000, gearbox(10_000), 10_000);
     await page.setInputFiles("#upload-file", [audio("pump_20260401_080000.wav", buffer)]);
     await send(page);

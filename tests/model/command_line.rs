@@ -246,7 +246,7 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
         let novelty = &record["wear"]["novelty"];
         let score = novelty["score"].as_f64();
         assert_eq!(column("novelty", row, &header).parse().ok(), score, "{record}");
-        let cause = ["sensor_fault", "machine_sign"].iter().find_map(|name| novelty[name].as_str());
+        let cause = ["sensor_fault", "suspected_fault"].iter().find_map(|name| novelty[name].as_str());
         assert_eq!(column("wear_cause", row, &header), cause.unwrap_or_default(), "{record}");
     }
     let html = fs::read_to_string(&report).unwrap();

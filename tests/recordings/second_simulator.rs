@@ -62,7 +62,7 @@ fn the_interval_covers_the_truth_on_another_simulators_runs() {
         assert!(score["rank"].as_f64().unwrap() >= rank, "{score}");
         let records = score["records"].as_f64().unwrap();
         let named = all["answers"][run].as_array().unwrap().iter();
-        let one_tooth = named.filter(|answer| answer["machine_sign"] == "one_tooth").count() as f64;
+        let one_tooth = named.filter(|answer| answer["suspected_fault"] == "one_tooth").count() as f64;
         assert!(one_tooth <= 0.01 * records, "{run}: {one_tooth} records of wear named a fault of one tooth");
         assert!(score["flagged"].as_f64().unwrap() <= 0.03 * records, "{score}");
     }
@@ -80,7 +80,7 @@ fn the_interval_covers_the_truth_on_another_simulators_runs() {
         let found: Vec<&Value> = late.clone().filter(|answer| flagged(answer)).collect();
         assert!(found.len() as f64 >= 0.95 * late.count() as f64, "{run}: {}", found.len());
         let is_named =
-            |answer: &&&Value| [&answer["machine_sign"], &answer["sensor_fault"]].contains(&&name.into());
+            |answer: &&&Value| [&answer["suspected_fault"], &answer["sensor_fault"]].contains(&&name.into());
         let named = found.iter().filter(is_named).count();
         assert!(named as f64 >= 0.95 * found.len() as f64, "{run}: {named} of {} named {name}", found.len());
     }

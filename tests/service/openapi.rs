@@ -178,7 +178,7 @@ fn every_name_of_an_estimate_is_in_the_documentation_and_the_dashboard() {
     for (schema, heading, page) in [
         ("WearStatus", "status", "state.js"),
         ("SensorFault", "novelty.sensor_fault", "match-words.js"),
-        ("MachineSign", "novelty.machine_sign", "match-words.js"),
+        ("SuspectedFault", "novelty.suspected_fault", "match-words.js"),
     ] {
         let (names, documented) = (names(schema), documented(heading));
         assert!(!names.is_empty(), "{schema}: {}", document["components"]["schemas"][schema]);

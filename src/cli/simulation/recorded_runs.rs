@@ -374,7 +374,7 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
         forecast: None,
         flagged: false,
         sensor_fault: None,
-        machine_sign: None,
+        suspected_fault: None,
         reason: String::new(),
     };
     Ok(answers.iter().zip(&run.records).enumerate().map(answer).collect())

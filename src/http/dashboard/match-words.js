@@ -42,7 +42,7 @@ const SENSOR_FAULTS = {
   loose_mount: "the sensor's mount is loose",
 };
 
-const MACHINE_SIGNS = {
+const SUSPECTED_FAULTS = {
   one_tooth: "one tooth differs from the others: crack or chip",
   shaft_lines: "the shaft's own lines have grown: misalignment or unbalance",
   impulsive_energy: "impulsiveness has increased: bearing or looseness",
@@ -50,9 +50,9 @@ const MACHINE_SIGNS = {
 };
 
 /** Why a record is not explained by wear; null when no cause is known. */
-export function unexplained({ sensor_fault: fault, machine_sign: sign }) {
+export function unexplained({ sensor_fault: fault, suspected_fault: suspected }) {
   if (fault) return SENSOR_FAULTS[fault] ?? `sensor: ${fault.replaceAll("_", " ")}`;
-  return sign ? (MACHINE_SIGNS[sign] ?? sign.replaceAll("_", " ")) : null;
+  return suspected ? (SUSPECTED_FAULTS[suspected] ?? suspected.replaceAll("_", " ")) : null;
 }
 
 /** The check that has deviated for several records; empty when there is none. */
@@ -62,8 +62,8 @@ export function lastingWords({ lasting }) {
 
 function noveltyFact({ novelty }) {
   if (!novelty) return null;
-  const { p_value: probability, outside, most = [] } = novelty;
-  const odd = most
+  const { p_value: probability, outside, largest_deviations: largest = [] } = novelty;
+  const odd = largest
     .slice(0, 3)
     .map(
       ({ feature, deviations }) =>

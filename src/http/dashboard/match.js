@@ -99,9 +99,9 @@ export class MatchPage {
       `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, hasPair, Boolean(asset.gear))}`,
     );
     const { novelty } = segment.wear;
-    this.#novelty.element.hidden = !novelty?.most?.length;
+    this.#novelty.element.hidden = !novelty?.largest_deviations?.length;
     this.#data = { unmatched: segment, asset };
-    if (novelty?.most?.length)
+    if (novelty?.largest_deviations?.length)
       await this.#novelty.show(
         () => noveltyDrawing(novelty, this.#id, hasPair),
         `${this.#id}-novelty-${segment.start_time}`,

@@ -8,15 +8,15 @@ const DB = 20 / Math.LN10;
 
 /** Draws the features that deviate most, in dB: from the best wear state, or without a pair from the baseline. */
 export function noveltyDrawing(novelty, revision, hasPair) {
-  const { most, p_value: probability, score } = novelty;
+  const { largest_deviations: largest, p_value: probability, score } = novelty;
   const named = [unexplained(novelty), lastingWords(novelty)]
     .filter(Boolean)
     .map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`)
     .join(" ");
   const colour = palette();
-  const names = most.map(({ feature }) => featureName(feature));
-  const decibels = most.map(({ ln_ratio: ratio }) => ratio * DB);
-  const words = most.map(
+  const names = largest.map(({ feature }) => featureName(feature));
+  const decibels = largest.map(({ ln_ratio: ratio }) => ratio * DB);
+  const words = largest.map(
     ({ deviations }, n) =>
       `${decibels[n] > 0 ? "+" : "−"}${number(Math.abs(decibels[n]), 3)} dB, ${number(Math.abs(deviations), 2)} σ`,
   );
@@ -40,9 +40,9 @@ export function noveltyDrawing(novelty, revision, hasPair) {
     legend: [],
     title: hasPair ? "Largest deviations not explained by wear" : "Largest deviations from the baseline",
     table: () => [
-      ["feature", most.map(({ feature }) => feature)],
+      ["feature", largest.map(({ feature }) => feature)],
       ["db", decibels],
-      ["standard_deviations", most.map(({ deviations }) => deviations)],
+      ["standard_deviations", largest.map(({ deviations }) => deviations)],
     ],
     sub: `Probability of such a record ${hasPair ? "in the best state" : "in the baseline"}: ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "Possible causes: a bearing fault, a loose mount, a changed load."}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),

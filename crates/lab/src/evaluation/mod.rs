@@ -33,7 +33,7 @@ pub use single_indicators::{SingleIndicators, single_indicators};
 
 use flankwatch_gear::GearError;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus,
+    EstimatorSettings, SensorFault, SuspectedFault, Tracker, WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::Ensemble;
 use score::ScoredRecord;
@@ -190,11 +190,11 @@ fn verdict(estimate: &WearEstimate) -> Option<&'static str> {
         SensorFault::GainChanged => "gain changed",
         SensorFault::LooseMount => "loose mount",
     });
-    let machine = novelty.machine_sign.map(|sign| match sign {
-        MachineSign::OneTooth => "one tooth",
-        MachineSign::ShaftLines => "shaft lines",
-        MachineSign::ImpulsiveEnergy => "impulses",
-        MachineSign::BandEnergy => "energy in a band",
+    let machine = novelty.suspected_fault.map(|fault| match fault {
+        SuspectedFault::OneTooth => "one tooth",
+        SuspectedFault::ShaftLines => "shaft lines",
+        SuspectedFault::ImpulsiveEnergy => "impulses",
+        SuspectedFault::BandEnergy => "energy in a band",
     });
     Some(sensor.or(machine).unwrap_or("outside the library"))
 }

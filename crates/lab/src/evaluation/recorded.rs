@@ -12,8 +12,8 @@ use super::median_and_interval;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MachineSign, MaintenanceEvent,
-    MaintenanceKind, SensorFault, Tracker, WearEstimate, WearStatus,
+    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MaintenanceEvent, MaintenanceKind,
+    SensorFault, SuspectedFault, Tracker, WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
 
@@ -56,7 +56,7 @@ pub struct Answer {
     /// The fault of the sensor that a flagged record shows, if one is recognised.
     pub sensor_fault: Option<SensorFault>,
     /// What the machine most likely has instead of wear, if a flagged record shows it.
-    pub machine_sign: Option<MachineSign>,
+    pub suspected_fault: Option<SuspectedFault>,
     /// Reason of the estimate.
     pub reason: String,
 }
@@ -213,7 +213,7 @@ impl Answer {
             forecast: wear.prognosis.as_ref().map(|prognosis| Forecast::of(prognosis, hour(record))),
             flagged,
             sensor_fault: novelty.and_then(|novelty| novelty.sensor_fault),
-            machine_sign: novelty.and_then(|novelty| novelty.machine_sign),
+            suspected_fault: novelty.and_then(|novelty| novelty.suspected_fault),
             reason: wear.reason,
         }
     }

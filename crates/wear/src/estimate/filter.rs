@@ -2,9 +2,9 @@
 //!
 //! A member's error recurs in every record, so a thousand records at the same wear are not a thousand
 //! independent pieces of evidence. The filter therefore weights each record's likelihood with a small
-//! exponent ([`CARRIED`]), in proportion to the growth since the record before. The answer adds a part of the
-//! newest record ([`ADDED`]). At each record, the filter restarts from the prior with a small probability
-//! ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998), so that it can recover from any state.
+//! exponent ([`STORED_EXPONENT`]), in proportion to the growth since the record before. The answer adds a part of the
+//! newest record ([`NEWEST_EXPONENT`]). At each record, the filter restarts from the prior with a small probability
+//! ([`RESTART_PROBABILITY`]; fixed share, Herbster and Warmuth 1998), so that it can recover from any state.
 
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
@@ -19,19 +19,19 @@ use crate::library::{DEPTHS, LANES, Lanes, end_um};
 
 /// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
 /// frequent records carry no more weight. It is largest for the first record after a unit or more.
-const CARRIED: f32 = 0.026;
+const STORED_EXPONENT: f32 = 0.026;
 
 /// The same after an inspection. The error that an inspection leaves a member is smaller, so that each record
 /// counts more, but it still recurs in every record. Chosen on members left out of the ensembles of four
 /// pairs.
-const CARRIED_AFTER_INSPECTION: f32 = 0.005;
+const STORED_EXPONENT_AFTER_INSPECTION: f32 = 0.005;
 
 /// Exponent of the newest record's likelihood in the answer.
-const ADDED: f32 = 0.28;
+const NEWEST_EXPONENT: f32 = 0.28;
 
 /// Probability that the filter restarts from the prior, per unit of growth since the record before. It is
 /// largest for the first record after a unit or more.
-const FORGOTTEN: f32 = 0.003;
+const RESTART_PROBABILITY: f32 = 0.003;
 
 /// Prior mean of the depth at the end of a new machine's baseline, in parts of the library's end.
 const BEGINNING_PART: f64 = 0.006;
@@ -99,12 +99,12 @@ impl Filter {
         growth.advance(self.prior.as_chunks_mut::<1>().0.as_chunks_mut().0.as_chunks_mut().0, elapsed);
         normalise(&mut self.prior);
         let units = (elapsed.units as f32).min(1.0);
-        let carried = if is_inspected { CARRIED_AFTER_INSPECTION } else { CARRIED };
+        let stored_exponent = if is_inspected { STORED_EXPONENT_AFTER_INSPECTION } else { STORED_EXPONENT };
         let step = Step {
             growth,
             elapsed,
-            carried: carried * units,
-            forgotten: FORGOTTEN * units,
+            stored_exponent: stored_exponent * units,
+            restart_probability: RESTART_PROBABILITY * units,
             groups: self.groups,
             prior: &self.prior,
             likelihood,
@@ -129,7 +129,7 @@ impl Filter {
                 let member = |lane: usize| (index * LANES + lane).min(self.groups - 1) * variants + variant;
                 weights.add(part, |depth| std::array::from_fn(|lane| of_depths[member(lane)][depth]));
             }
-            weights.apply(block, parts, FORGOTTEN);
+            weights.apply(block, parts, RESTART_PROBABILITY);
         }
         let mean = |depth: usize| of_depths.iter().map(|of_depth| of_depth[depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
@@ -192,9 +192,9 @@ struct Step<'a> {
     growth: &'a Growth,
     elapsed: Elapsed,
     /// Exponent of the record's likelihood.
-    carried: f32,
+    stored_exponent: f32,
     /// Probability of a restart.
-    forgotten: f32,
+    restart_probability: f32,
     groups: usize,
     prior: &'a [f32],
     likelihood: &'a Likelihood,
@@ -207,11 +207,21 @@ impl WithSimd for Step<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
-        let Self { growth, elapsed, carried, forgotten, groups, prior, likelihood, cells, parts } = self;
+        let Self {
+            growth,
+            elapsed,
+            stored_exponent,
+            restart_probability,
+            groups,
+            prior,
+            likelihood,
+            cells,
+            parts,
+        } = self;
         let blocks = blocks_of(cells);
         growth.advance(blocks, elapsed);
         let variants = likelihood.log.len() / blocks.len();
-        let keep = (1.0 - forgotten) / sum(blocks.as_flattened().as_flattened().as_flattened());
+        let keep = (1.0 - restart_probability) / sum(blocks.as_flattened().as_flattened().as_flattened());
         let (priors, _) = prior.as_chunks::<DEPTHS>();
         let mut joint = Vec::with_capacity(blocks.len() * DEPTHS * LANES);
         let mut standing = [0.0; LANES];
@@ -220,7 +230,9 @@ impl WithSimd for Step<'_> {
         for (index, ((block, parts), logs)) in blocks.iter_mut().zip(parts).zip(logs).enumerate() {
             let used = lanes_in(groups, index);
             let restart: Lanes =
-                std::array::from_fn(|lane| if lane < used { forgotten / groups as f32 } else { 0.0 });
+                std::array::from_fn(
+                    |lane| if lane < used { restart_probability / groups as f32 } else { 0.0 },
+                );
             for (row, prior) in block.iter_mut().zip(priors) {
                 for (row, prior) in row.iter_mut().zip(prior) {
                     for lane in 0..LANES {
@@ -233,12 +245,12 @@ impl WithSimd for Step<'_> {
             let mut weights = Weights::of(&depths);
             for (part, log) in parts.iter_mut().zip(logs) {
                 for (added, log) in added.iter_mut().zip(log) {
-                    let weights = raised(log, likelihood.highest, ADDED);
+                    let weights = raised(log, likelihood.highest, NEWEST_EXPONENT);
                     for lane in 0..LANES {
                         added[lane] += part[lane] * weights[lane];
                     }
                 }
-                weights.add(part, |depth| raised(&log[depth], likelihood.highest, carried));
+                weights.add(part, |depth| raised(&log[depth], likelihood.highest, stored_exponent));
             }
             for (depths, added) in depths.iter().zip(&added) {
                 joint.extend((0..LANES).map(|lane| depths[lane] * added[lane]));
@@ -249,7 +261,7 @@ impl WithSimd for Step<'_> {
                     standing[lane] += row[lane] * added[lane];
                 }
             }
-            weights.apply(block, parts, forgotten);
+            weights.apply(block, parts, restart_probability);
         }
         let standstill = sum(&standing) / sum(&joint).max(f32::MIN_POSITIVE);
         normalise(&mut joint);
@@ -287,12 +299,12 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Multiplies a block's cells with the weights. The part `forgotten` of what tells members apart is lost.
+    /// Multiplies a block's cells with the weights. The part `restart_probability` of what tells members apart is lost.
     #[inline(always)]
-    fn apply(&self, block: &mut Block, parts: &mut [Lanes], forgotten: f32) {
+    fn apply(&self, block: &mut Block, parts: &mut [Lanes], restart_probability: f32) {
         normalise_lanes(parts);
         let even = 1.0 / parts.len() as f32;
-        parts.as_flattened_mut().iter_mut().for_each(|part| *part += forgotten * (even - *part));
+        parts.as_flattened_mut().iter_mut().for_each(|part| *part += restart_probability * (even - *part));
         for row in block {
             for (row, weights) in row.iter_mut().zip(&self.weights) {
                 for lane in 0..LANES {

@@ -10,7 +10,7 @@ use super::growth::{Elapsed, Jumps};
 const MAX_INTERVALS: f64 = 100.0;
 
 /// Age of a machine, in intervals of its baseline, from which on a unit of growth is longer than an interval.
-const YOUNG: f64 = 25.0;
+const CONSTANT_UNIT_AGE: f64 = 25.0;
 
 /// Part of its age that a machine keeps at an inspection. In the units of its whole age, the depth after an
 /// inspection would follow the wear too late.
@@ -132,7 +132,7 @@ pub(super) fn baseline_interval_s([first, second]: [Timestamp; 2], ended: Timest
 /// such intervals since its baseline. What a machine has not done for long, it is expected to do slowly: a
 /// unit is at least a 25th of its age.
 fn unit_length(age: f64) -> f64 {
-    (age / YOUNG).max(1.0)
+    (age / CONSTANT_UNIT_AGE).max(1.0)
 }
 
 #[cfg(test)]

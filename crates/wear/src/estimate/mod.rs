@@ -49,7 +49,7 @@ pub use alarm::{
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use joint::{ChannelContribution, JointEstimate, RecordTimes};
-pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
+pub use novelty::{FeatureDeviation, Novelty, SensorFault, SuspectedFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
 pub use wear::{

@@ -1,13 +1,13 @@
 //! Novelty: whether wear explains a record, and if not, whether the sensor or the machine is the cause.
 
-mod signs;
+mod faults;
 
 use std::f64::consts::SQRT_2;
 
 use serde::{Deserialize, Serialize};
 
-pub(super) use self::signs::TEETH;
-pub use self::signs::{MachineSign, SensorFault};
+pub(super) use self::faults::TEETH;
+pub use self::faults::{SensorFault, SuspectedFault};
 use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};
 use flankwatch_signal::{EnvelopeLine, Features};
@@ -91,16 +91,16 @@ pub struct Novelty {
     /// The sensor fault, where the sensor is the cause.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_fault: Option<SensorFault>,
-    /// The kind of fault it indicates, where a check that wear hardly changes has grown.
+    /// The likeliest fault, where a check that wear hardly changes has grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub machine_sign: Option<MachineSign>,
-    /// Other possible kinds of fault, likeliest first: checks of other kinds that grew at least half as much.
+    pub suspected_fault: Option<SuspectedFault>,
+    /// Other possible faults, likeliest first: their checks grew at least half as much.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub also: Vec<MachineSign>,
-    /// Edges in hertz of the octave whose energy has grown most, where energy is the sign.
+    pub other_suspected_faults: Vec<SuspectedFault>,
+    /// Edges in hertz of the octave whose energy has grown most, where energy has grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
-    /// The strongest line of the record's envelope spectrum, where impulses are the sign and it stands out.
+    /// The strongest line of the record's envelope spectrum, where impulses have grown and it stands out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_line: Option<EnvelopeLine>,
     /// The check that has deviated for several records, where that is stronger evidence than this record
@@ -108,7 +108,7 @@ pub struct Novelty {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lasting: Option<String>,
     /// The features that deviate most.
-    pub most: Vec<FeatureDeviation>,
+    pub largest_deviations: Vec<FeatureDeviation>,
 }
 
 impl Novelty {
@@ -182,11 +182,11 @@ pub(super) fn judge(
     let lasting = cusums.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
     let outside = p_value < MIN_P_VALUE;
-    // A sign in this record takes precedence over deviations that have lasted.
+    // A check that has grown in this record takes precedence over deviations that have lasted.
     let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { most_grown(checks) } else { None };
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < MIN_P_VALUE);
-    let sign_of = |check: &str| MachineSign::of(check, context.impulsive);
-    // Where the overall fit has been poor, the check that has grown most in this record is the sign.
+    let fault_of = |check: &str| SuspectedFault::of(check, context.impulsive);
+    // Where the overall fit has been poor, the check that has grown most in this record decides.
     let whole = |check: &str| {
         let grown = OVERALL_FIT.contains(&check).then(|| most_grown(checks)).flatten();
         grown.filter(|grown| grown.score() > MIN_GROWN_SCORE)
@@ -199,23 +199,24 @@ pub(super) fn judge(
     let tooth = cusums.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
     let tooth = tooth.and_then(|(tooth, _)| checks.iter().find(|d| d.name == tooth));
     let check = check.map(|check| tooth.filter(|tooth| tooth.residual > 0.0).unwrap_or(check));
-    let machine_sign = check.and_then(|check| sign_of(&check.name));
-    let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
-    most.sort_by(|a, b| b.score().abs().total_cmp(&a.score().abs()));
+    let suspected_fault = check.and_then(|check| fault_of(&check.name));
+    let mut largest: Vec<&Deviation> = lines.iter().chain(checks).collect();
+    largest.sort_by(|a, b| b.score().abs().total_cmp(&a.score().abs()));
     Novelty {
         p_value,
         score: Novelty::score_of(p_value),
         outside: outside || sensor_fault.is_some(),
         sensor_fault,
-        machine_sign,
-        also: check.map_or_else(Vec::new, |check| also(checks, check, sign_of)),
+        suspected_fault,
+        other_suspected_faults: check
+            .map_or_else(Vec::new, |check| other_suspected_faults(checks, check, fault_of)),
         band_hz: check.and_then(|check| octave_hz(&check.name)),
         envelope_line: record
             .envelope_line
             .clone()
-            .filter(|_| machine_sign == Some(MachineSign::ImpulsiveEnergy)),
+            .filter(|_| suspected_fault == Some(SuspectedFault::ImpulsiveEnergy)),
         lasting: lasting.map(|(check, _)| check.to_owned()),
-        most: most
+        largest_deviations: largest
             .into_iter()
             .take(3)
             .map(|d| FeatureDeviation {
@@ -238,22 +239,22 @@ fn most_grown(checks: &[Deviation]) -> Option<&Deviation> {
     (most.residual > 0.0).then_some(most)
 }
 
-/// Returns the signs of other checks that have grown at least half as much as `most`.
-fn also(
+/// Returns the faults of other checks that have grown at least half as much as `largest`.
+fn other_suspected_faults(
     checks: &[Deviation],
-    most: &Deviation,
-    sign_of: impl Fn(&str) -> Option<MachineSign>,
-) -> Vec<MachineSign> {
+    largest: &Deviation,
+    fault_of: impl Fn(&str) -> Option<SuspectedFault>,
+) -> Vec<SuspectedFault> {
     let mut grown: Vec<&Deviation> =
-        checks.iter().filter(|d| d.score() > MIN_GROWN_SCORE.max(0.5 * most.score())).collect();
+        checks.iter().filter(|d| d.score() > MIN_GROWN_SCORE.max(0.5 * largest.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
-    let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
-    for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
-        if !signs.contains(&sign) {
-            signs.push(sign);
+    let mut faults: Vec<SuspectedFault> = fault_of(&largest.name).into_iter().collect();
+    for fault in grown.into_iter().filter_map(|d| fault_of(&d.name)) {
+        if !faults.contains(&fault) {
+            faults.push(fault);
         }
     }
-    signs.into_iter().skip(1).collect()
+    faults.into_iter().skip(1).collect()
 }
 
 /// Returns the name of a check of the teeth without its number of turns.
@@ -324,7 +325,7 @@ mod tests {
         );
         let bearing = judged(&[0.0; 8], &[0.0, 0.0, 0.5, 0.1], &[0.0, 0.2, 1.5, 0.3]);
         assert_eq!((bearing.sensor_fault, bearing.outside), (None, true));
-        assert_eq!(bearing.most[0].feature, "ln_rest_1000hz");
+        assert_eq!(bearing.largest_deviations[0].feature, "ln_rest_1000hz");
         let calm = judged(&[0.04; 8], &[-0.04; 4], &[0.02; 4]);
         assert!(!calm.outside && calm.p_value > 0.01);
     }
@@ -352,12 +353,12 @@ mod tests {
         let told: Vec<Novelty> = (0..10).map(|_| take(0.13, -0.02)).collect();
         assert!(!told[0].outside && told[9].outside, "{:?}", told[9]);
         assert_eq!(
-            (told[9].machine_sign, told[9].lasting.as_deref()),
-            (Some(MachineSign::OneTooth), Some("ln_tooth_worst"))
+            (told[9].suspected_fault, told[9].lasting.as_deref()),
+            (Some(SuspectedFault::OneTooth), Some("ln_tooth_worst"))
         );
         assert!(told.windows(2).all(|pair| pair[0].p_value >= pair[1].p_value));
         let strong = take(0.0, 1.0);
-        assert_eq!((strong.machine_sign, strong.lasting), (Some(MachineSign::ShaftLines), None));
+        assert_eq!((strong.suspected_fault, strong.lasting), (Some(SuspectedFault::ShaftLines), None));
         for _ in 0..30 {
             take(0.0, 0.0);
         }
@@ -380,7 +381,7 @@ mod tests {
         };
         let poor: Vec<Novelty> = (0..8).map(|_| take(0.125)).collect();
         assert!(!poor[0].outside && poor[7].outside, "{} {}", poor[0].score, poor[7].score);
-        assert_eq!((poor[7].lasting.as_deref(), poor[7].machine_sign), (Some("lines"), None));
+        assert_eq!((poor[7].lasting.as_deref(), poor[7].suspected_fault), (Some("lines"), None));
         let good: Vec<Novelty> = (0..20).map(|_| take(0.04)).collect();
         assert!(!good[19].outside);
     }

@@ -10,10 +10,10 @@ pub(super) const SECONDS_PER_DAY: f64 = 86_400.0;
 const WINDOW_PARTS: [f64; 2] = [0.5, 0.1];
 
 /// Least growth over the long window, in parts of the mean depth, that is a trend.
-const LEAST_GROWTH: f64 = 0.05;
+const MIN_GROWTH_PART: f64 = 0.05;
 
 /// Least rate of the short window over that of the long one, which scatter alone may turn negative.
-const LEAST_SHORT: f64 = 0.1;
+const MIN_SHORT_TO_LONG: f64 = 0.1;
 
 /// Largest factor by which an inspection changes the depths before it.
 const MAX_RESCALE: f64 = 5.0;
@@ -72,7 +72,8 @@ impl Trend {
     pub(super) fn rates_um_per_day(&self, age_s: f64) -> Option<[f64; 2]> {
         let [long, short] = [self.windows[0].slope()?, self.windows[1].slope()?];
         let window_days = WINDOW_PARTS[0] * age_s / SECONDS_PER_DAY;
-        (long * window_days > LEAST_GROWTH * self.mean_um).then(|| [long, short.max(LEAST_SHORT * long)])
+        (long * window_days > MIN_GROWTH_PART * self.mean_um)
+            .then(|| [long, short.max(MIN_SHORT_TO_LONG * long)])
     }
 }
 

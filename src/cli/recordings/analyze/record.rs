@@ -57,11 +57,11 @@ impl AnalyzedRecord {
         self.wear.as_ref().map(|wear| json_name(&wear.status))
     }
 
-    /// Returns the name of what wear does not explain: the sensor fault or, without one, the machine sign.
+    /// Returns the name of what wear does not explain: the sensor fault or, without one, the suspected fault.
     pub(super) fn cause(&self) -> Option<String> {
         let novelty = self.wear.as_ref()?.novelty.as_ref()?;
-        let sign = || novelty.machine_sign.as_ref().map(json_name);
-        novelty.sensor_fault.as_ref().map(json_name).or_else(sign)
+        let suspected = || novelty.suspected_fault.as_ref().map(json_name);
+        novelty.sensor_fault.as_ref().map(json_name).or_else(suspected)
     }
 }
 

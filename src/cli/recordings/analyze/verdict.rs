@@ -113,37 +113,37 @@ fn since(estimates: &[&WearEstimate]) -> String {
     if count == 1 { format!("in record {first}") } else { format!("since record {first}") }
 }
 
-/// Names the sensor fault or the machine sign, without the "not wear" that the line already says.
+/// Names the fault of the sensor or the machine, without the "not wear" that the line already says.
 fn cause(wear: &WearEstimate) -> String {
     let Some(novelty) = &wear.novelty else { return wear.reason.clone() };
-    match (novelty.sensor_fault, novelty.machine_sign) {
+    match (novelty.sensor_fault, novelty.suspected_fault) {
         (Some(fault), _) => fault.words().to_owned(),
-        (None, Some(sign)) => {
-            let words = sign.words();
+        (None, Some(fault)) => {
+            let words = fault.words();
             likely(words.strip_suffix(", not wear").unwrap_or(words), novelty)
         }
         (None, None) => wear.reason.clone(),
     }
 }
 
-/// Says a sign as a likelihood, with the other signs that the record shows.
+/// Says a fault as a likelihood, with the other faults that the record suggests.
 fn likely(words: &str, novelty: &Novelty) -> String {
-    let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
+    let also: Vec<&str> = novelty.other_suspected_faults.iter().map(|fault| fault.short()).collect();
     match also.is_empty() {
         true => format!("most likely {words}"),
         false => format!("most likely {words}; also possible: {}", also.join(", ")),
     }
 }
 
-/// Names the sign of a machine without a gear mesh, with its line in the envelope spectrum.
+/// Names the suspected fault of a machine without a gear mesh, with its line in the envelope spectrum.
 fn cause_without_mesh(wear: &WearEstimate) -> String {
-    let Some((novelty, sign)) =
-        wear.novelty.as_ref().and_then(|novelty| Some((novelty, novelty.machine_sign?)))
+    let Some((novelty, fault)) =
+        wear.novelty.as_ref().and_then(|novelty| Some((novelty, novelty.suspected_fault?)))
     else {
         return wear.reason.clone();
     };
     let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
-    likely(sign.words_without_mesh(), novelty) + &line.unwrap_or_default()
+    likely(fault.words_without_mesh(), novelty) + &line.unwrap_or_default()
 }
 
 /// Formats the time between two moments, in the largest unit of which there are at least two.
@@ -160,7 +160,7 @@ mod tests {
     use jiff::SignedDuration;
 
     use super::*;
-    use crate::estimate::{BaselineProgress, MachineSign, Prognosis};
+    use crate::estimate::{BaselineProgress, Prognosis, SuspectedFault};
 
     fn wear(status: WearStatus) -> WearEstimate {
         WearEstimate::without_number(status, "reason".to_owned(), BaselineProgress { have: 8, need: 20 })
@@ -218,12 +218,12 @@ mod tests {
             score: 9.0,
             outside: true,
             sensor_fault: None,
-            machine_sign: Some(MachineSign::OneTooth),
-            also: Vec::new(),
+            suspected_fault: Some(SuspectedFault::OneTooth),
+            other_suspected_faults: Vec::new(),
             band_hz: None,
             envelope_line: None,
             lasting: None,
-            most: Vec::new(),
+            largest_deviations: Vec::new(),
         };
         let cracked = WearEstimate { novelty: Some(novelty), ..wear(WearStatus::OutsideLibrary) };
         let all = [
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(summary(&all[..2]), format!("not wear in record 2: {cause}"));
         assert!(summary(&all[..1]).contains("8 of 20 records"));
         let mut several = all[1].clone();
-        several.novelty.as_mut().unwrap().also = vec![MachineSign::ImpulsiveEnergy];
+        several.novelty.as_mut().unwrap().other_suspected_faults = vec![SuspectedFault::ImpulsiveEnergy];
         let also = "also possible: a bearing fault or looseness";
         assert_eq!(summary(&[several]), format!("not wear in record 1: {cause}; {also}"));
     }

@@ -312,12 +312,12 @@ fn a_sensor_fault_has_a_reading_only_where_it_is_judged() {
             score: 0.0,
             outside: false,
             sensor_fault,
-            machine_sign: None,
-            also: Vec::new(),
+            suspected_fault: None,
+            other_suspected_faults: Vec::new(),
             band_hz: None,
             envelope_line: None,
             lasting: None,
-            most: Vec::new(),
+            largest_deviations: Vec::new(),
         };
         WearEstimate {
             novelty: Some(novelty),

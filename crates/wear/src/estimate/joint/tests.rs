@@ -17,12 +17,12 @@ fn answer(status: WearStatus, p_value: f64) -> WearEstimate {
         score: Novelty::score_of(p_value),
         outside: status == WearStatus::OutsideLibrary,
         sensor_fault: None,
-        machine_sign: None,
-        also: Vec::new(),
+        suspected_fault: None,
+        other_suspected_faults: Vec::new(),
         band_hz: None,
         envelope_line: None,
         lasting: None,
-        most: Vec::new(),
+        largest_deviations: Vec::new(),
     });
     wear
 }

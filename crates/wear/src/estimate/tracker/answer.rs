@@ -18,11 +18,11 @@ impl Tracker {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
             answer.reason = fault.words().to_owned();
-        } else if let Some(sign) = novelty.machine_sign {
+        } else if let Some(fault) = novelty.suspected_fault {
             answer.status = WearStatus::OutsideLibrary;
             let band =
                 novelty.band_hz.map(|[low, high]| format!(" (mostly between {low:.0} and {high:.0} Hz)"));
-            let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
+            let also: Vec<&str> = novelty.other_suspected_faults.iter().map(|fault| fault.short()).collect();
             let also =
                 if also.is_empty() { String::new() } else { format!("; also possible: {}", also.join(", ")) };
             let deviation = match &novelty.lasting {
@@ -30,8 +30,8 @@ impl Tracker {
                 None => largest_deviations(&novelty),
             };
             let words = match self.missing_library {
-                MissingLibrary::NoMesh => sign.words_without_mesh(),
-                _ => sign.words(),
+                MissingLibrary::NoMesh => fault.words_without_mesh(),
+                _ => fault.words(),
             };
             let band = band.unwrap_or_default();
             let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
@@ -149,7 +149,7 @@ fn largest_deviations(novelty: &Novelty) -> String {
     let factor = |d: &FeatureDeviation| {
         format!("{} by a factor of {:.2}", feature_words(&d.feature), d.ln_ratio.exp())
     };
-    let factors: Vec<String> = novelty.most.iter().map(factor).collect();
+    let factors: Vec<String> = novelty.largest_deviations.iter().map(factor).collect();
     format!("largest deviations: {}", factors.join(", "))
 }
 

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::super::novelty::MachineSign;
+use super::super::novelty::SuspectedFault;
 use super::*;
 use crate::library::Library;
 use crate::library::testing::synthetic_library;
@@ -339,7 +339,10 @@ fn an_unexplained_record_leaves_the_filter_unchanged() {
     let other = take(&mut state, 0.8);
     assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
     let novelty = other.novelty.unwrap();
-    assert!(novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy), "{novelty:?}");
+    assert!(
+        novelty.score > 4.0 && novelty.suspected_fault == Some(SuspectedFault::BandEnergy),
+        "{novelty:?}"
+    );
     assert_eq!(filter(&state), before);
 }
 

@@ -1,4 +1,4 @@
-//! Names for sensor faults and for signs of machine faults other than wear.
+//! Faults of the sensor, and suspected faults of the machine other than wear.
 
 use flankwatch_signal::NotComputed;
 use serde::{Deserialize, Serialize};
@@ -49,11 +49,11 @@ impl SensorFault {
     }
 }
 
-/// What a record shows that wear does not explain, where the sensor is not the cause.
+/// A fault of the machine other than wear that a record suggests, where the sensor is not the cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum MachineSign {
+pub enum SuspectedFault {
     /// One tooth of the shaft's gear has more energy between the mesh harmonics than the others.
     OneTooth,
     /// The lines at multiples of the shaft rate have grown.
@@ -64,8 +64,8 @@ pub enum MachineSign {
     BandEnergy,
 }
 
-impl MachineSign {
-    /// Returns the sign in words for a machine without a gear mesh.
+impl SuspectedFault {
+    /// Returns the fault in words for a machine without a gear mesh.
     pub fn words_without_mesh(self) -> &'static str {
         match self {
             Self::OneTooth | Self::ShaftLines => {
@@ -76,7 +76,7 @@ impl MachineSign {
         }
     }
 
-    /// Returns the sign in words.
+    /// Returns the fault in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
@@ -100,16 +100,16 @@ impl MachineSign {
         }
     }
 
-    /// Returns what a check that has grown is a sign of.
+    /// Returns the fault that a check indicates if it has grown.
     pub(super) fn of(check: &str, impulsive: bool) -> Option<Self> {
         let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
-        let signs = [
+        let faults = [
             (TEETH, Self::OneTooth),
             ("ln_shaft_", Self::ShaftLines),
             ("ln_rest_", energy),
             ("ln_band_", energy),
             ("ln_floor_", energy),
         ];
-        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
+        faults.into_iter().find_map(|(kind, fault)| check.starts_with(kind).then_some(fault))
     }
 }
