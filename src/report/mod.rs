@@ -85,11 +85,18 @@ impl Report {
 /// The source of an angle and its uncertainty, in words.
 pub fn angle_words(angle: &AngleUsed) -> String {
     match angle.source {
-        AngleSource::Tachometer { angle_error_deg: Some(error), .. } => format!("tachometer ± {error:.2}°"),
+        AngleSource::Tachometer { angle_error_deg: Some(error), .. } => {
+            format!("tachometer {}", error_words(error))
+        }
         AngleSource::Tachometer { .. } => "tachometer".to_owned(),
         AngleSource::MeshPhase { harmonic, angle_error_deg, .. } => {
-            format!("mesh phase {harmonic} ± {angle_error_deg:.2}°")
+            format!("mesh phase {harmonic} {}", error_words(angle_error_deg))
         }
         AngleSource::ConstantSpeed => "constant speed".to_owned(),
     }
+}
+
+/// An angle's error in words, which never claims that there is none.
+fn error_words(error_deg: f64) -> String {
+    if error_deg < 0.005 { "± less than 0.01°".to_owned() } else { format!("± {error_deg:.2}°") }
 }

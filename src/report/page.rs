@@ -104,13 +104,14 @@ fn forecast_words(forecast: &Prognosis) -> String {
         |p95| format!("between {} and {} with 90 % probability", day(p05), day(p95)),
     );
     // Three digits: more would suggest an accuracy that the rate does not have.
-    let decimals = match *rate_um_per_day {
-        rate if rate >= 100.0 => 0,
-        rate if rate >= 10.0 => 1,
-        _ => 2,
+    let (rate, decimals) = match *rate_um_per_day {
+        rate if rate >= 1000.0 => ((rate / 10.0).round() * 10.0, 0),
+        rate if rate >= 100.0 => (rate, 0),
+        rate if rate >= 10.0 => (rate, 1),
+        rate => (rate, 2),
     };
     format!(
-        "{limit_um} µm around {}, {interval}, at {rate_um_per_day:.decimals$} µm per day of running time",
+        "{limit_um} µm around {}, {interval}, at {rate:.decimals$} µm per day of running time",
         day(median)
     )
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::wording::escape;
 use super::{Report, quantity_words};
-use crate::estimate::{AlarmQuantity, MaintenanceKind, Severity};
+use crate::estimate::{AlarmQuantity, MaintenanceKind, Severity, WearEstimate};
 
 /// Writes the verdict, below the title.
 pub(super) fn write(report: &Report, body: &mut String) {
@@ -19,7 +19,7 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
     };
     let raised = report.alarms.iter().filter_map(|alarm| Some((alarm.severity?, alarm)));
     let limited = wear_beyond(report);
-    // a depth alarm repeats the limit, which has more detail
+    // A depth alarm repeats the limit, which has more detail.
     let raised = raised.filter(|(severity, alarm)| {
         alarm.quantity != AlarmQuantity::WearUm || limited.as_ref().is_none_or(|(at, _)| at != severity)
     });
@@ -35,12 +35,12 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
             return (severity.name(), word, reasons.join("; "));
         }
     }
-    match last.wear.as_ref().and_then(|wear| wear.median_um) {
+    match last.wear.as_ref().and_then(WearEstimate::determined_depth_um) {
         Some(depth_um) => {
             ("good", "Good", format!("no alarm is raised, and the wear depth is {depth_um:.0} µm"))
         }
         None if last.wear_words.is_empty() => ("good", "No alarm", "none is raised".to_owned()),
-        None => ("good", "No alarm", format!("none is raised; wear: {}", last.wear_words)),
+        None => ("none", "No alarm", format!("none is raised; wear: {}", last.wear_words)),
     }
 }
 
@@ -54,7 +54,7 @@ fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
     });
     let restarted = restarts.map(|event| event.time).max();
     let current = report.records.iter().filter(|record| Some(record.start_time) >= restarted);
-    let depth_um = current.rev().find_map(|record| record.wear.as_ref()?.median_um)?;
+    let depth_um = current.rev().find_map(|record| record.wear.as_ref()?.determined_depth_um())?;
     let limits = [(Severity::Danger, report.limits.danger_um), (Severity::Warning, report.limits.warning_um)];
     limits.into_iter().find_map(|(severity, limit_um)| {
         let limit_um = limit_um.filter(|limit_um| depth_um >= *limit_um)?;
@@ -67,7 +67,7 @@ fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
 mod tests {
     use super::*;
     use crate::asset::WearLimits;
-    use crate::estimate::{AlarmState, BaselineProgress, MaintenanceEvent, WearEstimate, WearStatus};
+    use crate::estimate::{AlarmState, BaselineProgress, MaintenanceEvent, WearStatus};
     use crate::report::page::tests::{estimated, record};
     use crate::report::{ReportedAlarm, ReportedRecord};
 
@@ -106,6 +106,18 @@ mod tests {
             body.starts_with("<p class=\"verdict danger\"><strong>Danger</strong>: wear depth"),
             "{body}"
         );
+    }
+
+    #[test]
+    fn a_depth_that_is_not_determined_is_no_verdict() {
+        let mut wear = estimated([0.0, 220.0, 240.0]);
+        wear.status = WearStatus::NotIdentifiable;
+        wear.reason = "the interval covers most of the library".to_owned();
+        let limits = WearLimits { warning_um: Some(120.0), danger_um: Some(200.0) };
+        let report = Report { limits, records: vec![record(wear)], ..Report::default() };
+        let (class, word, reason) = verdict(&report);
+        assert_eq!((class, word), ("none", "No alarm"));
+        assert_eq!(reason, "none is raised; wear: the interval covers most of the library");
     }
 
     #[test]

@@ -212,6 +212,12 @@ pub struct WearEstimate {
 }
 
 impl WearEstimate {
+    /// Returns the median depth in µm of a final estimate that determines the depth; `None` for a provisional
+    /// one, and for one whose interval covers most of the library.
+    pub fn determined_depth_um(&self) -> Option<f64> {
+        self.median_um.filter(|_| self.status == WearStatus::Estimated)
+    }
+
     /// Marks the result of a comparison as a first estimate from a part of the library. A depth is kept; a
     /// record that this part does not explain is left unjudged.
     pub(super) fn make_provisional(&mut self) {

@@ -50,8 +50,8 @@ impl AlarmQuantity {
         let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
         let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);
         match self {
-            Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.median_um,
-            Self::WearAboveLimit => wear.above_limit,
+            Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.determined_depth_um(),
+            Self::WearAboveLimit => wear.above_limit.filter(|_| wear.status != WearStatus::Provisional),
             Self::Novelty | Self::RatePerDay(RatedQuantity::Novelty) => novelty(),
             Self::JointNovelty => None,
             Self::SensorFault => sensor_fault(wear),
