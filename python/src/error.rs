@@ -41,6 +41,9 @@ pub(crate) fn not_computed_error(quantity: &str, reason: NotComputed) -> PyErr {
         NotComputed::NotAcceleration => "the unit is neither one of acceleration nor one of velocity",
         NotComputed::AboveEnvelope => "the frequency lies above the range of the band's envelope",
         NotComputed::OtherMesh => "the line coincides with one of another mesh",
+        NotComputed::OtherLine => {
+            "the record does not separate the line from one of a shaft or of another part of a bearing"
+        }
     };
     PyValueError::new_err(format!("no {quantity}: {message}"))
 }

@@ -2,10 +2,11 @@
 //! bins.
 
 use serde::{Deserialize, Serialize};
+use smallvec::SmallVec;
 
 use super::bearing::{Bearing, BearingLine};
 use super::indicators::Indicators;
-use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, fits, noise_amplitude, read_line};
+use super::line::{DETECTION_RATIO, LineReading, MAIN_LOBE_BINS, fits, noise_amplitude, read_line};
 use super::not_computed::NotComputed;
 
 /// Number of harmonics of a fault frequency that are summed.
@@ -25,7 +26,8 @@ const LINE_REACH_BINS: f64 = MAIN_LOBE_BINS + 0.5;
 const SHAFT_TOLERANCE: f64 = 5e-4;
 const BEARING_TOLERANCE: f64 = 3e-3;
 
-/// From this ratio to the background on, a bearing's line is excluded from the other bearings' lines.
+/// A bearing's line stands out, and is excluded from the other bearings' lines, if its first harmonic and all
+/// together reach this ratio to the background. A higher harmonic alone may be one of another line.
 const MIN_CLAIM_RATIO: f64 = 3.0;
 
 /// Bins on each side of a line's window used for its background: minimum and maximum.
@@ -130,8 +132,16 @@ struct Reading {
     amplitude: f64,
     /// Root mean square of their ratios to the background.
     to_background: f64,
+    /// The ratio of the first harmonic alone.
+    first_to_background: f64,
     /// Position of the first harmonic.
     position: f64,
+}
+
+impl Reading {
+    fn stands_out(&self) -> bool {
+        self.first_to_background.min(self.to_background) >= MIN_CLAIM_RATIO
+    }
 }
 
 impl Comb {
@@ -158,12 +168,13 @@ impl EnvelopeLines<'_> {
         while !pending.is_empty() {
             let readings: Vec<Result<Reading, NotComputed>> =
                 pending.iter().map(|(bearing, line)| self.read(bearing, *line, &claimed, scratch)).collect();
-            let ratio = |index: &usize| readings[*index].map_or(0.0, |reading| reading.to_background);
-            let highest = (0..pending.len()).max_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0);
-            let stands_out =
-                readings[highest].ok().filter(|reading| reading.to_background >= MIN_CLAIM_RATIO);
-            let settled: Vec<usize> = match stands_out {
-                Some(_) => vec![highest],
+            let standing_out = readings
+                .iter()
+                .enumerate()
+                .filter_map(|(index, reading)| Some((index, reading.ok().filter(Reading::stands_out)?)));
+            let highest = standing_out.max_by(|(_, a), (_, b)| a.to_background.total_cmp(&b.to_background));
+            let settled: Vec<usize> = match highest {
+                Some((index, _)) => vec![index],
                 None => (0..pending.len()).collect(),
             };
             for index in settled {
@@ -172,7 +183,7 @@ impl EnvelopeLines<'_> {
                 indicators.insert(name, readings[index].map(|reading| reading.amplitude));
                 indicators.insert(ratio, readings[index].map(|reading| reading.to_background));
             }
-            let Some(reading) = stands_out else { break };
+            let Some((highest, reading)) = highest else { break };
             claimed.push(Comb { spacing: reading.position, tolerance: BEARING_TOLERANCE });
             let (bearing, line) = pending.remove(highest);
             detected.push(DetectedLine { bearing: &bearing.name, line, position: reading.position });
@@ -185,7 +196,8 @@ impl EnvelopeLines<'_> {
     ///
     /// Searches the position at which the harmonics together stand highest above the background, within slip
     /// and speed uncertainty. Lines of shafts and of the `claimed` combs are excluded, except for a comb that
-    /// may be this line itself.
+    /// may be this line itself; harmonics that these hide do not count. [`NotComputed::OtherLine`] if they
+    /// hide the first harmonic of a line that stands out or, where none does, of one without slip.
     fn read(
         &self,
         bearing: &Bearing,
@@ -220,36 +232,54 @@ impl EnvelopeLines<'_> {
             *noise = self.background(window, position, &is_others, scratch).ok_or(NotComputed::TooShort)?;
         }
         let noise = &noise[..orders];
+        let own_bin = |order: i32, position: f64| {
+            Some((f64::from(order) * position).round() as usize).filter(|bin| !is_others(*bin))
+        };
         let score = |position: f64| -> f64 {
             let ratio = |(order, noise): (i32, &f64)| {
-                let bin = (f64::from(order) * position).round() as usize;
-                if is_others(bin) { 0.0 } else { (self.amplitude[bin] / noise).powi(2) }
+                own_bin(order, position).map_or(0.0, |bin| (self.amplitude[bin] / noise).powi(2))
             };
             (1..).zip(noise).map(ratio).sum()
         };
         let step = 0.5 / orders as f64;
         let candidates = ((high - low) / step) as usize + 1;
-        let (mut best, mut highest) = (position, f64::NEG_INFINITY);
+        let (mut best, mut highest, mut hidden) = (position, f64::NEG_INFINITY, 0.0_f64);
         for candidate in 0..candidates {
             let at = low + candidate as f64 * step;
             let score = score(at);
-            if score > highest {
+            if own_bin(1, at).is_none() {
+                hidden = hidden.max(score);
+            } else if score > highest {
                 (best, highest) = (at, score);
             }
         }
-        let (mut power, mut ratios, mut first) = (0.0, 0.0, best);
-        for (order, noise) in (1..).zip(noise) {
-            let Some(line) = read_line(self.amplitude, f64::from(order) * best) else { continue };
-            if !is_others(line.position.round() as usize) {
-                power += line.amplitude * line.amplitude;
-                ratios += (line.amplitude / noise).powi(2);
-                if order == 1 {
-                    first = line.position;
-                }
-            }
+        if hidden > highest.max(orders as f64 * MIN_CLAIM_RATIO * MIN_CLAIM_RATIO) {
+            return Err(NotComputed::OtherLine);
         }
-        let to_background = (ratios / orders as f64).sqrt();
-        Ok(Reading { amplitude: power.sqrt(), to_background, position: first })
+        let read = |(order, noise): (i32, &f64)| {
+            let bin = own_bin(order, best)?;
+            let position = f64::from(order) * best;
+            let line = read_line(self.amplitude, position)
+                .filter(|line| !is_others(line.position.round() as usize))
+                .unwrap_or(LineReading { position, amplitude: self.amplitude[bin] });
+            Some((order, line, line.amplitude / noise))
+        };
+        let harmonics: SmallVec<[_; HARMONICS]> = (1..).zip(noise).filter_map(read).collect();
+        let Some((1, first, first_to_background)) = harmonics.first().copied() else {
+            return Err(NotComputed::OtherLine);
+        };
+        let power: f64 = harmonics.iter().map(|(_, line, _)| line.amplitude * line.amplitude).sum();
+        let ratios: f64 = harmonics.iter().map(|(.., ratio)| ratio * ratio).sum();
+        let reading = Reading {
+            amplitude: power.sqrt(),
+            to_background: (ratios / harmonics.len() as f64).sqrt(),
+            first_to_background,
+            position: first.position,
+        };
+        if own_bin(1, position).is_none() && !reading.stands_out() {
+            return Err(NotComputed::OtherLine);
+        }
+        Ok(reading)
     }
 
     /// Returns the root-mean-square amplitude of the noise in one bin on both sides of a window.

@@ -108,18 +108,22 @@ mod tests {
     const RATE_HZ: f64 = 20_000.0;
     const SHAFT_HZ: f64 = 29.3;
 
-    /// Impacts on the outer race of a bearing of 9 balls ring at 4.3 kHz; each comes up to 1 % of the
-    /// interval early or late, and the mean rate is 1 % below that of pure rolling.
+    /// Impacts on the outer race of a bearing of 9 balls: the mean rate is 1 % below that of pure rolling.
     fn bearing_fault(seconds: f64, impact: f64, seed: u64) -> Record {
+        impacts(0.99 * orders().bpfo * SHAFT_HZ, SHAFT_HZ, seconds, impact, seed)
+    }
+
+    /// Impacts that ring at 4.3 kHz, in noise; each comes up to 1 % of the interval early or late.
+    fn impacts(impact_hz: f64, shaft_hz: f64, seconds: f64, impact: f64, seed: u64) -> Record {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let count = (seconds * RATE_HZ) as usize;
         let mut samples: Vec<f64> = (0..count)
             .map(|i| {
                 let noise: f64 = StandardNormal.sample(&mut random);
-                noise + 0.8 * (TAU * SHAFT_HZ * i as f64 / RATE_HZ).sin()
+                noise + 0.8 * (TAU * shaft_hz * i as f64 / RATE_HZ).sin()
             })
             .collect();
-        let interval = RATE_HZ / (0.99 * orders().bpfo * SHAFT_HZ);
+        let interval = RATE_HZ / impact_hz;
         let mut at = 0.3 * interval;
         while at.ceil() < count as f64 {
             let first = at.ceil() as usize;
@@ -130,7 +134,7 @@ mod tests {
             at += interval * (1.0 + random.random_range(-0.01..0.01));
         }
         let samples = samples.into_iter().map(|x| x as f32).collect();
-        let point = OperatingPoint { shaft_speed_hz: Some(SHAFT_HZ), ..OperatingPoint::default() };
+        let point = OperatingPoint { shaft_speed_hz: Some(shaft_hz), ..OperatingPoint::default() };
         Record::new("a", Timestamp::UNIX_EPOCH, RATE_HZ, "m/s2", samples)
             .unwrap()
             .with_operating_point(point)
@@ -142,7 +146,11 @@ mod tests {
     }
 
     fn analysed(record: &Record, band_hz: Option<[f64; 2]>) -> Analysis {
-        let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders: orders() }];
+        analysed_with(orders(), record, band_hz)
+    }
+
+    fn analysed_with(orders: BearingOrders, record: &Record, band_hz: Option<[f64; 2]>) -> Analysis {
+        let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders }];
         let settings = ConditionSettings {
             mesh: MeshContext::unknown(),
             bands: &[],
@@ -194,6 +202,55 @@ mod tests {
             assert_eq!(analysis.features.envelope_line, None);
         }
         assert!(highest < 2.9, "{highest}");
+    }
+
+    /// SKF 6203: BPFO 3.053 and BPFI 4.947 lie beside the third and the fifth multiple of the shaft's rate.
+    #[test]
+    fn a_line_hidden_by_the_shaft_is_absent_and_not_read_as_another() {
+        let orders = BearingOrders { bpfo: 3.053, bpfi: 4.947, bsf: 1.994, ftf: 0.382 };
+        let shaft_hz = 25.0;
+        for seconds in [0.4, 0.75, 1.0, 1.5, 2.0, 6.0, 10.0] {
+            for (seed, slip) in [(1, 0.99), (2, 0.995), (3, 1.0)] {
+                let record = impacts(slip * orders.bpfo * shaft_hz, shaft_hz, seconds, 6.0, seed);
+                let Analysis { indicators, features, .. } = analysed_with(orders, &record, None);
+                let case = format!("{seconds} s, {slip}: {indicators:?}");
+                let of = |name: &str| indicators.get(&format!("bearing_de_{name}_to_background"));
+                assert!(indicators.values.iter().all(|(_, value)| *value != 0.0), "{case}");
+                assert!(of("bpfo").is_none_or(|ratio| ratio > 6.0), "{case}");
+                assert!(
+                    ["bpfi", "bsf"].iter().all(|name| of(name).is_none_or(|ratio| ratio < 3.0)),
+                    "{case}"
+                );
+                match seconds {
+                    0.4..=1.5 => {
+                        assert_eq!(indicators.absent["bearing_de_bpfo"], NotComputed::OtherLine, "{case}");
+                    }
+                    6.0.. => {
+                        assert!(of("bpfo").is_some() && of("bpfi").is_some(), "{case}");
+                        let source = features.envelope_line.unwrap().source.unwrap();
+                        assert!(
+                            matches!(source, LineSource::Bearing { line: BearingLine::Bpfo, .. }),
+                            "{case}"
+                        );
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// Closed form: 8 rolling elements of a quarter of the pitch diameter have BPFO = 3.
+    #[test]
+    fn a_line_at_a_multiple_of_the_shaft_rate_is_never_read_as_healthy() {
+        let orders = BearingOrders::of_geometry(8, 0.25, 0.0);
+        for (seconds, slip) in [(1.0, 1.0), (10.0, 1.0), (10.0, 0.998)] {
+            let record = impacts(slip * orders.bpfo * 25.0, 25.0, seconds, 6.0, 1);
+            let absent = analysed_with(orders, &record, None).indicators.absent;
+            assert_eq!(absent["bearing_de_bpfo"], NotComputed::OtherLine, "{seconds} {slip}");
+        }
+        let slipping = impacts(0.985 * orders.bpfo * 25.0, 25.0, 10.0, 6.0, 1);
+        let ratio = analysed_with(orders, &slipping, None).indicators.values["bearing_de_bpfo_to_background"];
+        assert!(ratio > 6.0, "{ratio}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ pub enum NotComputed {
     TooShort,
     /// All samples are equal.
     Constant,
-    /// The frequency lies above half the sampling rate.
+    /// The frequency lies above half the sampling rate; over the shaft's angle, above 0.42 of it.
     AboveNyquist,
     /// Fewer than 4 whole turns of the shaft.
     TooFewTurns,
@@ -33,4 +33,6 @@ pub enum NotComputed {
     OtherMesh,
     /// The frequency lies above the range of the band's envelope: its width.
     AboveEnvelope,
+    /// The record does not separate the line from a multiple of a shaft's rate or from another bearing line.
+    OtherLine,
 }

@@ -196,6 +196,7 @@ const ABSENCES = {
   not_acceleration: "unit is neither acceleration nor velocity",
   above_envelope: "above the width of the envelope's band",
   other_mesh: "overlaps a line of another mesh",
+  other_line: "overlaps a line of a shaft or of another part of a bearing",
 };
 
 /** Describes why an indicator is missing. */
