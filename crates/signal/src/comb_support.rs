@@ -30,8 +30,8 @@ const SAME_SMEARED_MESH_TOLERANCE: f64 = 0.03;
 const MIN_GAIN_FACTOR: f64 = 1.25;
 const MIN_GAIN: f64 = 2.0;
 
-/// Fewest harmonics of a comb that stand out.
-pub(super) const MIN_HARMONICS: u32 = 2;
+/// Fewest harmonics of a comb that stand out, where the spectrum holds as many.
+const MIN_HARMONICS: u32 = 2;
 
 /// Shaft rates are searched by their sidebands up to this order, around this many mesh harmonics.
 const SIDEBANDS: u32 = 4;
@@ -77,6 +77,11 @@ impl Support {
     pub(super) fn is_complete(&self) -> bool {
         is_complete([self.found, self.sought])
     }
+}
+
+/// Returns how many harmonics of a comb have to stand out if this many are searched.
+pub(super) fn min_harmonics(sought: u32) -> u32 {
+    sought.clamp(1, MIN_HARMONICS)
 }
 
 fn is_complete([found, sought]: [u32; 2]) -> bool {
@@ -200,7 +205,7 @@ impl<'a> Comb<'a> {
                 .map(|factor| CombDoubt::OtherMesh(factor * self.mesh))
         } else if let Some(other) = self.other_mesh() {
             Some(CombDoubt::OtherMesh(other))
-        } else if found < MIN_HARMONICS {
+        } else if found < min_harmonics(sought) {
             Some(CombDoubt::FewHarmonics)
         } else if is_smeared {
             // A smeared line covers its sidebands.
@@ -416,6 +421,15 @@ mod tests {
         let support = support_of(MESH, [MESH], &context());
         assert_eq!((support.found, support.doubt), (1, Some(CombDoubt::FewHarmonics)));
         assert_eq!(support_of(MESH, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
+    }
+
+    /// At 3.2 kHz and 10 kHz, for example, the second harmonic lies above half the sampling rate.
+    #[test]
+    fn the_only_harmonic_below_half_the_rate_is_a_comb() {
+        let mesh = 0.32 * LENGTH as f64;
+        let support = support_of(mesh, [mesh], &context());
+        assert_eq!((support.found, support.sought, support.doubt), (1, 1, None));
+        assert_eq!(support_of(mesh, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
     }
 
     /// 4 × 480.3 is a harmonic of either, and so on; the truth lies within a bin.

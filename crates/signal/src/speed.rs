@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::comb::{MESH_RESOLVED_BINS, MeshComb};
-use super::comb_support::{CombDoubt, MIN_HARMONICS, Reading, Support, smeared_support, support};
+use super::comb_support::{CombDoubt, Reading, Support, min_harmonics, smeared_support, support};
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb;
 use super::mesh_context::MeshContext;
@@ -60,7 +60,7 @@ pub struct ShaftSpeed {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "reason", rename_all = "snake_case")]
 pub enum SpeedDoubt {
-    /// Fewer than two harmonics of the mesh stand out.
+    /// Fewer than two harmonics of the mesh stand out, or not the only one below half the sampling rate.
     FewHarmonics,
     /// The lines fit another mesh frequency better.
     OtherMesh {
@@ -99,8 +99,10 @@ impl ShaftSpeed {
         let described = format!("{teeth:.0} × {shaft_hz:.2} Hz");
         let evidence = match doubt {
             SpeedDoubt::FewHarmonics => format!(
-                "{} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz ({described}) stand out, expected at least 2",
-                self.harmonics_found, self.harmonics_sought
+                "{} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz ({described}) stand out, expected at least {}",
+                self.harmonics_found,
+                self.harmonics_sought,
+                min_harmonics(self.harmonics_sought)
             ),
             SpeedDoubt::OtherMesh { mesh_frequency_hz, teeth: Some(count) } => format!(
                 "the lines fit {count} × {:.2} Hz better than {described} (a mesh frequency of {mesh_frequency_hz:.1} Hz instead of {mesh_hz:.1} Hz)",
@@ -164,7 +166,7 @@ impl LocatedMesh {
     pub(super) fn verify(&mut self, found: u32) {
         if let Some(speed) = &mut self.speed {
             speed.harmonics_found = found;
-            if found < MIN_HARMONICS {
+            if found < min_harmonics(speed.harmonics_sought) {
                 speed.doubt = speed.doubt.or(Some(SpeedDoubt::FewHarmonics));
             }
         }
