@@ -10,7 +10,7 @@ use super::velocity::VELOCITY_RMS;
 
 /// Identifier of the method behind the indicators, and of its precision. Stored indicators with another
 /// identifier are recomputed.
-pub const INDICATORS: &str = "indicators-3";
+pub const INDICATORS: &str = "indicators-4";
 
 /// The condition indicators of one record by name. Indicators that cannot be computed are omitted with a
 /// reason, never zero.
@@ -23,7 +23,7 @@ pub const INDICATORS: &str = "indicators-3";
 /// | `kurtosis` | E[((x − μ)/σ)⁴], Eq. (32): population σ, not excess (Gaussian 3, sine 1.5) | none |
 /// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
-/// | `velocity_rms` | root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816; of records of at least 0.2 s | mm/s |
+/// | `velocity_rms` | root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816; of records of at least 0.5 s | mm/s |
 /// | `bearing_…_bpfo`, `_bpfi`, `_bsf`, `_ftf` | for each configured bearing: root sum square of the first three harmonics of the frequency in the envelope spectrum | the record's |
 /// | `bearing_…_to_background` | for the same lines: root mean square of the ratios of amplitude to noise amplitude in one bin; about 1 in noise | none |
 /// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
@@ -38,7 +38,7 @@ pub const INDICATORS: &str = "indicators-3";
 /// | `omx_tracked` | the first mesh line in the Hann spectrum over orders of all turns, read as `mesh_1` | the record's |
 /// | `sideband_energy_ratio` | Σ_{k=1..6} (A(z − k) + A(z + k)) / A(z) | none |
 /// | `sideband_level_factor` | (A(z − 1) + A(z + 1)) / σ(x) | none |
-/// | `fm0` | (max x − min x) / Σ_{h=1..H} A(hz), H = 10 or as far as half the sampling rate (Stewart 1977) | none |
+/// | `fm0` | (max x − min x) / Σ_{h=1..H} A(hz), H = 10 or as far as 0.42 of the sampling rate (Stewart 1977) | none |
 /// | `fm4`, `m6a`, `m8a` | E\[d⁴\]/E\[d²\]², E\[d⁶\]/E\[d²\]³, E\[d⁸\]/E\[d²\]⁴: Gaussian 3, 15, 105 (Martin 1989) | none |
 /// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
 /// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: the inputs of NA4 (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
