@@ -10,9 +10,11 @@ const GAP_SAMPLES: usize = 64;
 /// This many samples in a row at the highest or lowest value are clipped ...
 const CLIPPED_SAMPLES: usize = 3;
 
-/// ... if the neighbouring samples differ from it by at least this fraction of the range on average: the slow
-/// crest of a low-frequency tone is flat without clipping.
+/// ... if the neighbouring samples differ from it by at least this fraction of the range on average, and by
+/// this many of the converter's steps: the slow crest of a low-frequency tone is flat without clipping. A
+/// parabola that stays within one step for n samples falls by up to ((n + 1)/(n − 1))² steps at the next one.
 const MIN_STEP_FRACTION: f64 = 0.01;
+const MIN_CONVERTER_STEPS: f64 = 4.0;
 
 /// This many samples at the highest or lowest value are clipped even if they are not consecutive ...
 const MIN_LIMIT_SAMPLES: usize = 8;
@@ -82,10 +84,17 @@ fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<NotComputed> {
         first = past;
     }
     let range = f64::from(high) - f64::from(low);
-    let is_steep =
-        |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= MIN_STEP_FRACTION * range;
-    let is_clipped = clipped.into_iter().any(is_steep) || accumulates_at_limit(samples, [low, high]);
-    is_clipped.then_some(NotComputed::Clipped)
+    let falls = |min: f64| clipped.into_iter().any(|(count, fall)| count > 0 && fall / count as f64 >= min);
+    let is_steep = falls(MIN_STEP_FRACTION * range) && falls(MIN_CONVERTER_STEPS * smallest_step(samples));
+    (is_steep || accumulates_at_limit(samples, [low, high])).then_some(NotComputed::Clipped)
+}
+
+/// Returns the smallest difference between neighbouring samples that are not equal: the converter's step, or
+/// almost zero for samples without one.
+#[inline(always)]
+fn smallest_step(samples: &[f32]) -> f64 {
+    let steps = samples.iter().zip(&samples[1..]).map(|(a, b)| (b - a).abs()).filter(|step| *step > 0.0);
+    steps.fold(f32::INFINITY, f32::min).into()
 }
 
 /// Returns whether samples accumulate at a limit: many more at it than next to it.
@@ -117,6 +126,8 @@ fn outnumbers_neighbours(samples: &[f32], limit: f32, at_limit: usize, range: f3
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
@@ -132,10 +143,7 @@ mod tests {
     fn sine(period: f64, limit: f32) -> Vec<f32> {
         let levels = 32_767.0;
         (0..5000)
-            .map(|i| {
-                ((std::f64::consts::TAU * f64::from(i) / period).sin() * levels).round() as f32
-                    / levels as f32
-            })
+            .map(|i| ((TAU * f64::from(i) / period).sin() * levels).round() as f32 / levels as f32)
             .map(|x| x.clamp(-1.0, limit))
             .collect()
     }
@@ -162,6 +170,25 @@ mod tests {
         for steps in [4.0, 16.0, 256.0, 8192.0] {
             let rounded: Vec<f32> = normal.iter().map(|x| (x * steps).round() / steps).collect();
             assert_eq!(fault(&rounded), None, "{steps} steps a standard deviation");
+        }
+    }
+
+    /// The crest of a coarsely quantised tone lasts several samples and ends by a step above 1 % of the range.
+    #[test]
+    fn a_coarse_tone_is_clipped_only_where_it_is_cut() {
+        for amplitude in [10.0, 20.0, 40.0, 100.0] {
+            for period in [40.3, 45.0, 100.7, 400.0] {
+                for offset in [0.0, 0.2, 0.49] {
+                    let tone: Vec<f32> = (0..20_000)
+                        .map(|i| (TAU * f64::from(i) / period).sin() * (amplitude + offset))
+                        .map(|x| x.round() as f32)
+                        .collect();
+                    assert_eq!(fault(&tone), None, "{amplitude} {period} {offset}");
+                    let limit = (0.8 * amplitude).round() as f32;
+                    let cut: Vec<f32> = tone.iter().map(|x| x.min(limit)).collect();
+                    assert!(fault(&cut).is_some(), "{amplitude} {period} {offset}");
+                }
+            }
         }
     }
 
