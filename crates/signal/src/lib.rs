@@ -90,6 +90,7 @@ mod speed;
 mod speed_compensation;
 mod speed_fluctuation;
 mod sums;
+mod tachometer_marks;
 mod tooth_contrast;
 mod transform;
 mod turn_bins;

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::pchip::{Pchip, PchipError};
+use super::tachometer_marks::mark_offsets;
 use super::transform::Transforms;
 
 /// Largest ratio of successive pulse intervals: above it a pulse is missing, below its reciprocal there is an
@@ -89,7 +90,8 @@ pub struct ShaftAngle {
 impl ShaftAngle {
     /// Determines the angle of a shaft that makes `turns` per turn of the one with the tachometer, zero at
     /// the first pulse. `pulse_times_s` are seconds after the record's first sample, ascending; some may lie
-    /// before it or after its end. Between pulses, time is a monotone cubic of the angle.
+    /// before it or after its end. Several pulses a turn count where their marks are found to lie on the
+    /// shaft. Between pulses, time is a monotone cubic of the angle.
     pub(super) fn from_pulses(
         pulse_times_s: &[f64],
         pulses_per_revolution: u32,
@@ -110,17 +112,32 @@ impl ShaftAngle {
         for (index, w) in pulse_times_s.windows(3).enumerate() {
             let (before_s, interval_s) = (w[1] - w[0], w[2] - w[1]);
             let ratio = interval_s / before_s;
-            // Pulses of one turn may be spaced unevenly, but by less than half an interval.
+            // The marks of one turn may be spaced unevenly, but by less than half an interval.
             if !(ratio < MAX_INTERVAL_RATIO && ratio > 1.0 / MAX_INTERVAL_RATIO) {
                 return Err(PulseError::Uneven { index: index + 2, interval_s, before_s });
             }
         }
+        let marks = pulses_per_revolution as usize;
         let per_revolution = f64::from(pulses_per_revolution) / turns;
-        let revolutions = (0..pulse_times_s.len()).map(|pulse| pulse as f64 / per_revolution).collect();
+        let offsets = mark_offsets(pulse_times_s, marks);
+        let offset = |pulse: usize| offsets.as_ref().map_or(0.0, |offsets| offsets[pulse % marks]);
+        let revolutions: Vec<f64> =
+            (0..pulse_times_s.len()).map(|pulse| (pulse as f64 + offset(pulse)) / per_revolution).collect();
+        let scatter_s = match &offsets {
+            None => pulse_scatter_s(pulse_times_s),
+            Some(_) => {
+                let even = |pulse: usize| {
+                    let turn = pulse.min(pulse_times_s.len() - 1 - marks);
+                    let interval_s = (pulse_times_s[turn + marks] - pulse_times_s[turn]) / marks as f64;
+                    pulse_times_s[pulse] - offset(pulse) * interval_s
+                };
+                pulse_scatter_s(&(0..pulse_times_s.len()).map(even).collect::<Vec<_>>())
+            }
+        };
         let source = AngleSource::Tachometer {
             pulses: pulse_times_s.len(),
-            angle_error_deg: pulse_scatter_s(pulse_times_s).map(|scatter_s| {
-                let turns = (pulse_times_s.len() - 1) as f64 / per_revolution;
+            angle_error_deg: scatter_s.map(|scatter_s| {
+                let turns = revolutions[revolutions.len() - 1];
                 360.0 * scatter_s * turns / (pulse_times_s[pulse_times_s.len() - 1] - pulse_times_s[0])
             }),
         };
@@ -213,7 +230,7 @@ impl ShaftAngle {
     }
 }
 
-/// Standard deviation in seconds of single pulses about a smooth motion: the root mean square of their third
+/// Standard deviation in seconds of single pulses of even marks about a smooth motion: the root mean square of their third
 /// differences over √20, which equals the standard deviation for independent errors. A linear change of the
 /// interval has no third difference.
 fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
