@@ -6,7 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::by_name::Name;
 use super::shaft_angle::AngleSource;
-use super::spectrum::hann_amplitude;
+use super::spectrum::{HANN_BANDWIDTH_BINS, hann_amplitude};
 use super::transform::{Float, Transforms};
 
 /// Whole turns of a shaft, sampled at equal steps of its angle.
@@ -18,6 +18,8 @@ pub struct AngleRecord {
     pub samples_per_turn: usize,
     /// Number of whole turns.
     pub turns: usize,
+    /// Highest order of the shaft whose amplitude resampling preserves in every turn.
+    pub highest_order: usize,
     /// Samples, turn by turn, with the record's mean removed.
     pub samples: Vec<f32>,
     /// Source and accuracy of the angle.
@@ -77,7 +79,7 @@ impl AngleRecord {
         OrderSpectrum {
             unit: self.unit.to_string(),
             resolution_orders,
-            bandwidth_orders: 1.5 * resolution_orders,
+            bandwidth_orders: HANN_BANDWIDTH_BINS * resolution_orders,
             amplitude,
             angle: self.angle,
         }
@@ -133,6 +135,7 @@ mod tests {
                 unit: "g".into(),
                 samples_per_turn,
                 turns,
+                highest_order: samples_per_turn / 2,
                 samples: samples.collect(),
                 angle: AngleSource::ConstantSpeed,
             };

@@ -117,6 +117,7 @@ mod tests {
             unit: "g".into(),
             samples_per_turn: per_turn,
             turns,
+            highest_order: per_turn / 2,
             samples: signal(&[&own[..], &foreign].concat()).into_iter().map(|x| x as f32).collect(),
             angle: AngleSource::ConstantSpeed,
         };

@@ -90,7 +90,7 @@ impl Analyzer {
         let transforms = &mut self.work.transforms;
         let (line, average) = angle_record.mesh_line_and_average(mesh.teeth, transforms);
         let tracked = line.map(|line| line.amplitude).ok_or(NotComputed::AboveNyquist);
-        let signals = split_average(average, angle_record.turns, mesh, transforms)?;
+        let signals = split_average(average, angle_record, mesh, transforms)?;
         indicators.insert_over_angle(&signals, tracked, self.settings.harmonics);
         signals.recycle(transforms);
         Ok(())
@@ -106,20 +106,21 @@ pub(super) fn split(
     let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
     angle_record.average_into([&mut average, &mut odd]);
     transforms.recycle(odd);
-    split_average(average, angle_record.turns, mesh, transforms)
+    split_average(average, angle_record, mesh, transforms)
 }
 
-/// Splits the average of this many turns, and recycles its buffer.
+/// Splits the average of a record's turns, and recycles its buffer.
 fn split_average(
     average: Vec<f64>,
-    turns: usize,
+    angle_record: &AngleRecord,
     mesh: &MeshContext,
     transforms: &mut Transforms,
 ) -> Result<GearSignals, NotComputed> {
     // Lines between two orders were removed before; those near an order cannot be distinguished from it.
-    let near = NEAR_ORDER_BINS / turns as f64;
+    let near = NEAR_ORDER_BINS / angle_record.turns as f64;
     let is_foreign = |order: usize| mesh.others.has_line_near(order as f64, near);
-    let signals = GearSignals::split(&average, mesh.teeth, &is_foreign, transforms);
+    let signals =
+        GearSignals::split(&average, mesh.teeth, angle_record.highest_order, &is_foreign, transforms);
     transforms.recycle(average);
     signals.ok_or(NotComputed::AboveNyquist)
 }
@@ -234,6 +235,33 @@ mod tests {
         assert!((level / (0.2 / deviation) - 1.0).abs() < 0.03, "{level}");
         let energy = got["sideband_energy_ratio"];
         assert!((0.19..0.28).contains(&energy), "{energy}");
+    }
+
+    /// The interpolation attenuates lines above 0.42 of the sampling rate.
+    #[test]
+    fn lines_above_the_passband_are_absent() {
+        let indicators = |part: f64| {
+            let shaft_hz = part * RATE_HZ / f64::from(TEETH);
+            let lines = |i: usize| {
+                let turn = TAU * shaft_hz * i as f64 / RATE_HZ;
+                ((f64::from(TEETH) * turn).sin() + 0.5 * (f64::from(2 * TEETH) * turn).sin()) as f32
+            };
+            let point = OperatingPoint { shaft_speed_hz: Some(shaft_hz), ..OperatingPoint::default() };
+            let record =
+                Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "g", (0..40_000).map(lines).collect())
+                    .unwrap()
+                    .with_operating_point(point)
+                    .unwrap();
+            analyzer().gear_indicators(&record, &MESH).0
+        };
+        let read = indicators(0.4).values["omx_tracked"];
+        assert!((read - 1.0).abs() < 1e-3, "{read}");
+        for part in [0.41, 0.44, 0.46, 0.47] {
+            assert_eq!(indicators(part).absent["omx_tracked"], NotComputed::AboveNyquist, "{part}");
+        }
+        // FM0 leaves out a second harmonic there.
+        let [inside, beside] = [0.205, 0.225].map(|part| indicators(part).values["fm0"]);
+        assert!((beside / inside - 1.5).abs() < 0.1, "{inside} {beside}");
     }
 
     #[test]

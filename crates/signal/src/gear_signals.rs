@@ -30,14 +30,18 @@ pub struct GearSignals {
     /// Amplitude (peak) at each order.
     amplitude: Vec<f64>,
     teeth: usize,
+    /// Highest order whose amplitude is read.
+    highest_order: usize,
 }
 
 impl GearSignals {
     /// Splits `average`, one turn of a shaft with this many teeth. Orders of other meshes (`is_foreign`)
-    /// count as regular. `None` unless order `teeth` + 1 lies below half the number of samples.
+    /// count as regular, and amplitudes above `highest_order` are not read. `None` unless order `teeth` + 1
+    /// lies below half the number of samples.
     pub(super) fn split(
         average: &[f64],
         teeth: u32,
+        highest_order: usize,
         is_foreign: &dyn Fn(usize) -> bool,
         transforms: &mut Transforms,
     ) -> Option<Self> {
@@ -89,7 +93,17 @@ impl GearSignals {
         let mut amplitude = transforms.buffer();
         amplitude.extend(bins.iter().map(|bin| 2.0 * bin.norm()));
         transforms.recycle_complex(bins);
-        Some(Self { average: whole, regular, residual, difference, mesh_envelope, amplitude, teeth })
+        let highest_order = highest_order.min((samples - 1) / 2);
+        Some(Self {
+            average: whole,
+            regular,
+            residual,
+            difference,
+            mesh_envelope,
+            amplitude,
+            teeth,
+            highest_order,
+        })
     }
 
     /// Returns the buffers for reuse.
@@ -100,9 +114,9 @@ impl GearSignals {
         }
     }
 
-    /// Returns the amplitude (peak) of mesh harmonic `order`, if it lies below half the sampling rate.
+    /// Returns the amplitude (peak) of mesh harmonic `order`, if resampling preserves it.
     pub fn mesh_line(&self, order: usize) -> Option<f64> {
-        self.amplitude_below_nyquist(order * self.teeth)
+        self.preserved_amplitude(order * self.teeth)
     }
 
     /// Returns Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, if all of them exist and belong to
@@ -113,21 +127,18 @@ impl GearSignals {
         }
         (1..=SIDEBANDS)
             .map(|k| {
-                Some(
-                    self.amplitude_below_nyquist(self.teeth - k)?
-                        + self.amplitude_below_nyquist(self.teeth + k)?,
-                )
+                Some(self.preserved_amplitude(self.teeth - k)? + self.preserved_amplitude(self.teeth + k)?)
             })
             .sum()
     }
 
     /// Returns the sum of the amplitudes of the first sidebands of the first mesh line.
     pub(super) fn first_sidebands(&self) -> Option<f64> {
-        Some(self.amplitude_below_nyquist(self.teeth - 1)? + self.amplitude_below_nyquist(self.teeth + 1)?)
+        Some(self.preserved_amplitude(self.teeth - 1)? + self.preserved_amplitude(self.teeth + 1)?)
     }
 
-    fn amplitude_below_nyquist(&self, order: usize) -> Option<f64> {
-        (2 * order < self.average.len()).then(|| self.amplitude[order])
+    fn preserved_amplitude(&self, order: usize) -> Option<f64> {
+        (order <= self.highest_order).then(|| self.amplitude[order])
     }
 }
 
@@ -155,15 +166,19 @@ mod tests {
         let sidebands = [(19.0, 0.2), (21.0, 0.25), (41.0, 0.05), (99.0, 0.03)];
         let others = [(3.0, 0.07), (18.0, 0.06), (55.0, 0.04), (115.0, 0.02)];
         let average = turn(&[&regular[..], &sidebands, &others, &[(0.0, 5.0)]].concat());
-        let got = GearSignals::split(&average, 20, &|_| false, &mut Transforms::default()).unwrap();
+        let got = GearSignals::split(&average, 20, 119, &|_| false, &mut Transforms::default()).unwrap();
         assert_equal(&got.regular, &turn(&regular));
         assert_equal(&got.residual, &turn(&[&sidebands[..], &others].concat()));
         assert_equal(&got.difference, &turn(&others));
         assert_equal(&got.average, &turn(&[&regular[..], &sidebands, &others].concat()));
         assert!((got.mesh_line(2).unwrap() - 0.5).abs() < 1e-12);
         assert_eq!(got.mesh_line(6), None);
+        // The fifth harmonic is at order 100.
+        let narrow = GearSignals::split(&average, 20, 99, &|_| false, &mut Transforms::default()).unwrap();
+        assert_eq!((narrow.mesh_line(2), narrow.mesh_line(5)), (got.mesh_line(2), None));
         let of_another =
-            GearSignals::split(&average, 20, &|k| k == 18 || k == 55, &mut Transforms::default()).unwrap();
+            GearSignals::split(&average, 20, 119, &|k| k == 18 || k == 55, &mut Transforms::default())
+                .unwrap();
         assert_equal(&of_another.difference, &turn(&[others[0], others[3]]));
         assert!((got.sideband_sum().unwrap() - (0.2 + 0.25 + 0.06)).abs() < 1e-12);
         assert!((got.first_sidebands().unwrap() - 0.45).abs() < 1e-12);
@@ -178,7 +193,7 @@ mod tests {
                 (1.0 + 0.3 * angle.cos()) * (20.0 * angle).cos()
             })
             .collect();
-        let got = GearSignals::split(&average, 20, &|_| false, &mut Transforms::default()).unwrap();
+        let got = GearSignals::split(&average, 20, 119, &|_| false, &mut Transforms::default()).unwrap();
         assert_equal(
             &got.mesh_envelope,
             &turn(&[(1.0, 0.0)])
@@ -193,7 +208,13 @@ mod tests {
     fn a_turn_too_short_for_its_mesh_is_rejected() {
         for (samples, teeth) in [(0, 20), (42, 20), (240, 0), (240, u32::MAX)] {
             assert_eq!(
-                GearSignals::split(&vec![1.0; samples], teeth, &|_| false, &mut Transforms::default()),
+                GearSignals::split(
+                    &vec![1.0; samples],
+                    teeth,
+                    samples,
+                    &|_| false,
+                    &mut Transforms::default()
+                ),
                 None
             );
         }

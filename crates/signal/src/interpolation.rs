@@ -11,6 +11,9 @@ use pulp::{Arch, Simd, WithSimd};
 /// Samples on each side of a point used for its interpolation.
 pub(super) const REACH: usize = 16;
 
+/// Lines up to this part of the sampling rate keep their amplitude, within 0.1 %; at 0.47 they lose 15 %.
+pub(super) const PASSBAND: f64 = 0.42;
+
 /// Samples used for the interpolation of one point.
 const TAPS: usize = 2 * REACH;
 

@@ -4,7 +4,7 @@ use flankwatch_fourier::Complex;
 use serde::Serialize;
 
 use super::not_computed::NotComputed;
-use super::transform::{Transforms, is_smooth};
+use super::transform::{Transforms, smooth_at_least};
 
 /// Fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
 const MIN_BINS: usize = 64;
@@ -79,7 +79,7 @@ impl KurtogramWork {
         for bands in divisions(bins.len()) {
             let edge = |band: usize| band * bins.len() / bands;
             // Bands differ in width by one bin at most.
-            let samples = smooth_at_least(2 * bins.len().div_ceil(bands) + 1);
+            let samples = smooth_at_least(2 * bins.len().div_ceil(bands) + 1, &[2, 3, 5]);
             let kurtosis: Vec<f64> = (0..bands)
                 .map(|band| self.kurtosis(&bins[edge(band)..edge(band + 1)], samples, strongest))
                 .collect();
@@ -135,11 +135,6 @@ fn divisions(bins: usize) -> impl Iterator<Item = usize> {
         // One band has no half more.
         .skip(1)
         .take_while(move |bands| *bands <= MAX_BANDS && bins / bands >= MIN_BINS)
-}
-
-/// Returns the smallest number from `min` on without a prime factor above 5.
-fn smooth_at_least(min: usize) -> usize {
-    (min..).find(|number| is_smooth(*number, &[2, 3, 5])).unwrap_or(min)
 }
 
 #[cfg(test)]

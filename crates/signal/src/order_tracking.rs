@@ -115,7 +115,7 @@ impl Analyzer {
                     format!("its pulses cover fewer than {MIN_TURNS} whole turns of the record")
                 }
                 NotComputed::AboveNyquist => {
-                    "at its speed the mesh frequency lies above half the sampling rate".to_owned()
+                    "at its speed the mesh frequency lies above 42 % of the sampling rate".to_owned()
                 }
                 _ => "its speed varies too much".to_owned(),
             }),

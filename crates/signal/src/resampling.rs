@@ -3,12 +3,12 @@
 use pulp::{Simd, WithSimd};
 
 use super::angle_record::AngleRecord;
-use super::interpolation::{Kernel, REACH};
+use super::interpolation::{Kernel, PASSBAND, REACH};
 use super::not_computed::NotComputed;
 use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;
-use super::transform::is_smooth;
+use super::transform::smooth_at_least;
 
 /// Fewest whole turns that are averaged.
 pub(super) const MIN_TURNS: usize = 4;
@@ -37,11 +37,11 @@ impl Resampler {
     ///
     /// The number of samples per turn is at least that of the slowest turn, so nothing is aliased. A value
     /// between samples is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples around it, w the Blackman
-    /// window: flat within 10⁻⁴ to 0.4 of the sampling rate. `orders` is the highest order to preserve.
+    /// window: flat to 0.42 of the sampling rate. `orders` is the highest order to preserve.
     ///
     /// # Errors
-    /// [`NotComputed::TooFewTurns`] below 4, [`NotComputed::AboveNyquist`] if `orders` lies above half the
-    /// sampling rate at the slowest speed, [`NotComputed::SpeedVaries`] if the speed varies so much that the
+    /// [`NotComputed::TooFewTurns`] below 4, [`NotComputed::AboveNyquist`] if `orders` lies above 0.42 of the
+    /// sampling rate in the fastest turn, [`NotComputed::SpeedVaries`] if the speed varies so much that the
     /// record would grow more than fourfold.
     pub(super) fn resample(
         &mut self,
@@ -55,8 +55,8 @@ impl Resampler {
             return Err(NotComputed::TooShort);
         }
         let min_samples_per_turn = rate_hz / angle.lowest_speed_hz();
-        let preserves_orders = min_samples_per_turn > 2.0 * orders;
-        if !preserves_orders {
+        let reaches_orders = min_samples_per_turn > 2.0 * orders;
+        if !reaches_orders {
             return Err(NotComputed::AboveNyquist);
         }
         let known = angle.revolutions();
@@ -64,7 +64,9 @@ impl Resampler {
         if min_samples_per_turn >= samples.len() as f64 {
             return Err(NotComputed::TooFewTurns);
         }
-        let samples_per_turn = smooth_at_least(min_samples_per_turn.ceil() as usize);
+        // An even number.
+        let samples_per_turn =
+            2 * smooth_at_least((min_samples_per_turn.ceil() as usize).div_ceil(2), &[2, 3, 5, 7]);
         // Pulses may extend far beyond the record: its ends determine which turns it contains.
         let position = |revolution: f64| angle.time_s(revolution, &mut 0) * rate_hz;
         let (begin, end) = (REACH as f64, (samples.len() - 1 - REACH) as f64);
@@ -81,6 +83,16 @@ impl Resampler {
             return Err(NotComputed::SpeedVaries);
         }
         let turns = turns as usize;
+        let mut interval = 0;
+        let mut start = |turn: usize| angle.time_s(first + turn as f64, &mut interval) * rate_hz;
+        let (shortest_turn, _) = (1..=turns).fold((f64::INFINITY, start(0)), |(shortest, start_of), turn| {
+            let end = start(turn);
+            (shortest.min(end - start_of), end)
+        });
+        let highest_order = PASSBAND * shortest_turn;
+        if highest_order < orders {
+            return Err(NotComputed::AboveNyquist);
+        }
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
         let mean = kernel.arch().dispatch(Mean(samples));
@@ -111,6 +123,7 @@ impl Resampler {
             unit: record.unit().into(),
             samples_per_turn,
             turns,
+            highest_order: highest_order as usize,
             samples: resampled,
             angle: angle.source(),
         })
@@ -197,13 +210,4 @@ fn first_satisfying(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
         }
     }
     low
-}
-
-/// Returns the smallest even number from `min` on without a prime factor above 7.
-fn smooth_at_least(min: usize) -> usize {
-    let mut number = min.next_multiple_of(2);
-    while !is_smooth(number, &[2, 3, 5, 7]) {
-        number += 2;
-    }
-    number
 }

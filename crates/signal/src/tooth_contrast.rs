@@ -310,6 +310,7 @@ mod tests {
             unit: "g".into(),
             samples_per_turn: PER_TURN,
             turns: TURNS,
+            highest_order: PER_TURN / 2,
             samples: samples.map(|x| x as f32).collect(),
             angle: AngleSource::ConstantSpeed,
         };
@@ -370,6 +371,7 @@ mod tests {
             unit: "g".into(),
             samples_per_turn: 48,
             turns: 4,
+            highest_order: 24,
             samples: vec![1.0; 192],
             angle: AngleSource::ConstantSpeed,
         };

@@ -43,6 +43,11 @@ pub(super) fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     number == 1
 }
 
+/// Returns the smallest number from `min` on that has only these prime factors.
+pub(super) fn smooth_at_least(min: usize, primes: &[usize]) -> usize {
+    (min..).find(|number| is_smooth(*number, primes)).unwrap_or(min)
+}
+
 /// Number of cached buffers of each type: two for each harmonic that is tracked, and some more.
 const MAX_BUFFERS: usize = 2 * HARMONICS + 4;
 

@@ -4,7 +4,7 @@ const CAUSES = {
   no_speed:
     "the shaft speed was not found in this record. Check teeth and speed in the settings, or send the speed with the records",
   constant: "all samples of this record are equal",
-  above_nyquist: "the mesh frequency lies above half the sampling rate",
+  above_nyquist: "the mesh frequency lies above 42 % of the sampling rate",
   too_few_turns: "this record covers fewer than 4 whole turns of the shaft",
   speed_varies: "the shaft speed varies too much within this record",
 };
