@@ -11,6 +11,7 @@ use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
 use super::mesh_context::MeshContext;
 use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
+use super::spectrum::HANN_BANDWIDTH_BINS;
 use super::sums::sum_of;
 
 /// Number of octaves, counted from the highest one that fits below half the sampling rate. They are those of
@@ -41,10 +42,6 @@ const SHAFT_REACH: f64 = 0.3;
 /// information.
 const SHAFT_FLOOR: f64 = 2.0;
 
-/// Equivalent noise bandwidth of the Hann window in bins: the sum of squares of a line's bins over its
-/// squared amplitude.
-const NOISE_BANDWIDTH_BINS: f64 = 1.5;
-
 /// Half-width of a mesh harmonic with its sidebands: in shaft rates, plus a fraction of its frequency for
 /// speed fluctuation.
 const COMB_SHAFTS: f64 = 3.5;
@@ -62,7 +59,7 @@ pub(super) fn insert_checks(
 ) {
     let RecordSpectrum { amplitude, sorting, .. } = work;
     // The squared amplitude over this is a density: half of it is a mean square, in 1.5 bins.
-    let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
+    let to_density = (2.0 * HANN_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
     let lowest_hz = mesh.map_or(0.0, |(mesh_bins, mesh)| {
         let nominal_hz = f64::from(mesh.teeth) * mesh.nominal_shaft_speed_hz;
         if nominal_hz > 0.0 { nominal_hz } else { mesh_bins * resolution_hz }
@@ -119,7 +116,7 @@ pub(super) fn insert_shaft_lines(
         };
         let in_noise = noise * noise * count;
         let floor = SHAFT_FLOOR * SHAFT_FLOOR * in_noise;
-        let amplitude = |squares: f64| ((squares + floor) / NOISE_BANDWIDTH_BINS).sqrt();
+        let amplitude = |squares: f64| ((squares + floor) / HANN_BANDWIDTH_BINS).sqrt();
         features.insert_shaft_line(order, amplitude(squares), amplitude(in_noise), deviation);
     }
 }

@@ -1,14 +1,10 @@
 //! The lines of a spectrum that stand out from the noise. Positions are in bins.
 
 use super::comb::HARMONICS;
-use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
+use super::line::{DETECTION_RATIO, MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_context::MeshContext;
 use super::smeared_comb::{MIN_LIKELIHOOD, SmearedLines};
 use super::sums::mean_of;
-
-/// Fewest times that a line exceeds the neighbouring noise: noise alone does so in one bin of e¹⁶ = 9
-/// million.
-const MIN_LINE_RATIO: f64 = 4.0;
 
 /// A line's ratio to the noise is limited to this, as one strong line is no comb.
 const MAX_LINE_RATIO: f64 = 32.0;
@@ -58,7 +54,7 @@ impl<'a> SpectrumLines<'a> {
             };
             for bin in start.max(1)..end.min(length - 1) {
                 let here = amplitude[bin];
-                if here < MIN_LINE_RATIO * noise || here < amplitude[bin - 1] || here < amplitude[bin + 1] {
+                if here < DETECTION_RATIO * noise || here < amplitude[bin - 1] || here < amplitude[bin + 1] {
                     continue;
                 }
                 let value = (here / noise).min(MAX_LINE_RATIO).ln();
@@ -138,11 +134,11 @@ fn highest(amplitude: &[f64]) -> f64 {
 /// `around`. Most blocks have no line, and counting the bins below a level takes a tenth of the time of
 /// finding their median.
 fn has_no_line(highest: f64, around: &[f64], min_noise: f64) -> bool {
-    if highest < MIN_LINE_RATIO * min_noise {
+    if highest < DETECTION_RATIO * min_noise {
         return true;
     }
     // The median is above this level if at most half of the bins are at or below it.
-    let level = highest / MIN_LINE_RATIO * MEDIAN_OF_NOISE * (1.0 + 1e-9);
+    let level = highest / DETECTION_RATIO * MEDIAN_OF_NOISE * (1.0 + 1e-9);
     let below = around.iter().map(|a| u32::from(*a <= level)).sum::<u32>();
     below as usize <= around.len() / 2
 }

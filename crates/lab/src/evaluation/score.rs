@@ -7,6 +7,9 @@ use serde::Serialize;
 /// Nominal coverages of the calibration curve.
 pub const NOMINAL: [f64; 10] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95];
 
+/// Ratio of the root mean square to its healthy mean at which an alarm is raised.
+pub(super) const RMS_ALARM_FACTOR: f64 = 2.0;
+
 /// One record with its estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ScoredRecord {
@@ -121,7 +124,9 @@ impl Score {
                 (holding as f64 / prognoses.len() as f64, prognoses.len())
             }),
             rms_alarm_um: wears
-                .then(|| alarms(runs, baseline, &|record, healthy| record.single[0] > 2.0 * healthy))
+                .then(|| {
+                    alarms(runs, baseline, &|record, healthy| record.single[0] > RMS_ALARM_FACTOR * healthy)
+                })
                 .flatten(),
             wear_alarm_um: wears
                 .then(|| {
@@ -146,8 +151,8 @@ fn named(runs: &[Vec<ScoredRecord>]) -> Option<(String, f64)> {
     Some((name.to_owned(), count as f64 / all as f64))
 }
 
-/// Returns the 5, 50 and 95 % quantiles over runs of the true depth at which a condition holds in 3 of 5
-/// records; a run where it never does counts with its last depth.
+/// Returns the 5, 50 and 95 % quantiles over runs of the true depth at which a condition raises an alarm; a
+/// run where it never does counts with its last depth.
 fn alarms(
     runs: &[Vec<ScoredRecord>],
     baseline: usize,
@@ -156,17 +161,23 @@ fn alarms(
     let mut depths: Vec<f64> = runs
         .iter()
         .filter_map(|run| {
-            let healthy =
-                run.iter().take(baseline).map(|record| record.single[0]).sum::<f64>() / baseline as f64;
-            let raised = run
-                .get(baseline..)?
-                .windows(5)
-                .find(|window| window.iter().filter(|record| holds(record, healthy)).count() >= 3);
-            raised.map_or(run.last(), |window| window.last()).map(|record| record.truth_um)
+            let (healthy, rest) = run.split_at_checked(baseline)?;
+            let healthy = healthy.iter().map(|record| record.single[0]).sum::<f64>() / baseline as f64;
+            let raised = alarm_record(rest.iter().map(|record| holds(record, healthy)));
+            raised.map_or(run.last(), |index| rest.get(index)).map(|record| record.truth_um)
         })
         .collect();
     depths.sort_by(f64::total_cmp);
     (!depths.is_empty()).then(|| [0.05, 0.5, 0.95].map(|level| quantile(&depths, level)))
+}
+
+/// Returns the index of the record at which an alarm is raised: its condition holds in 3 of 5 records.
+pub(super) fn alarm_record(holds: impl Iterator<Item = bool>) -> Option<usize> {
+    const OF_LAST: (usize, usize) = (3, 5);
+    let holds: Vec<bool> = holds.collect();
+    let count = |window: &[bool]| window.iter().filter(|holds| **holds).count();
+    let first = holds.windows(OF_LAST.1).position(|window| count(window) >= OF_LAST.0)?;
+    Some(first + OF_LAST.1 - 1)
 }
 
 fn quantile(sorted: &[f64], level: f64) -> f64 {
@@ -177,7 +188,7 @@ fn quantile(sorted: &[f64], level: f64) -> f64 {
 }
 
 /// Spearman's rank correlation; `None` for fewer than 8 pairs.
-pub(super) fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
+pub(crate) fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
     if pairs.len() < 8 {
         return None;
     }

@@ -4,12 +4,7 @@ use serde::Serialize;
 
 use super::recorded::RecordedRun;
 use super::run::Observation;
-use super::score::rank_correlation;
-
-/// Ratio of the root mean square to its healthy mean at which an alarm is raised, and how many of the last
-/// records must exceed it.
-const ALARM_FACTOR: f64 = 2.0;
-const ALARM_OF: (usize, usize) = (3, 5);
+use super::score::{RMS_ALARM_FACTOR, alarm_record, rank_correlation};
 
 /// Scores of single indicators on one run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -57,12 +52,8 @@ fn omx_points(run: &RecordedRun, baseline: usize) -> Vec<(f64, f64)> {
 
 fn rms_alarm_um(run: &RecordedRun, baseline: usize) -> Option<f64> {
     let (healthy, rest) = run.records.split_at(baseline.min(run.records.len()));
-    let limit = ALARM_FACTOR * mean(healthy, 0);
-    let (least, last) = ALARM_OF;
-    let raised = rest
-        .windows(last)
-        .find(|window| window.iter().filter(|record| record.single[0] > limit).count() >= least)?;
-    raised.last().map(|record| record.wear_um)
+    let limit = RMS_ALARM_FACTOR * mean(healthy, 0);
+    alarm_record(rest.iter().map(|record| record.single[0] > limit)).map(|index| rest[index].wear_um)
 }
 
 fn mean(records: &[Observation], indicator: usize) -> f64 {

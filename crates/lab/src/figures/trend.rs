@@ -1,4 +1,4 @@
-//! Ranges, linearity and trends of sequences.
+//! Ranges and linearity of sequences.
 
 /// Greatest minus least value.
 pub(super) fn range(values: &[f64]) -> f64 {
@@ -33,24 +33,6 @@ pub(super) fn highest_at(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
         .max_by(f64::total_cmp)
 }
 
-/// Spearman's rank correlation of the values with their order; equal values share their mean rank.
-pub(super) fn spearman_with_order(values: &[f64]) -> f64 {
-    let rank = |value: f64| {
-        let below = values.iter().filter(|other| **other < value).count() as f64;
-        let equal = values.iter().filter(|other| **other == value).count() as f64;
-        below + 0.5 * (equal - 1.0)
-    };
-    let middle = 0.5 * (values.len() as f64 - 1.0);
-    let (mut products, mut own, mut orders) = (0.0, 0.0, 0.0);
-    for (order, value) in values.iter().enumerate() {
-        let (rank, order) = (rank(*value) - middle, order as f64 - middle);
-        products += rank * order;
-        own += rank * rank;
-        orders += order * order;
-    }
-    if own > 0.0 { products / (own * orders).sqrt() } else { 0.0 }
-}
-
 /// Whether each value is above the one before it.
 pub(super) fn rises(values: &[f64]) -> bool {
     values.windows(2).all(|two| two[1] > two[0])
@@ -64,20 +46,6 @@ pub(super) fn falls(values: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn spearman_is_that_of_scipy() {
-        // scipy.stats.spearmanr(range(6), v).statistic
-        assert_eq!(spearman_with_order(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), 1.0);
-        assert_eq!(spearman_with_order(&[6.0, 5.0, 4.0, 3.0, 2.0, 1.0]), -1.0);
-        assert!(
-            (spearman_with_order(&[1.0, 3.0, 2.0, 5.0, 4.0, 6.0]) - 0.885_714_285_714_285_8).abs() < 1e-15
-        );
-        assert!(
-            (spearman_with_order(&[1.0, 2.0, 2.0, 3.0, 5.0, 4.0]) - 0.927_633_657_043_917_5).abs() < 1e-15
-        );
-        assert_eq!(spearman_with_order(&[2.0, 2.0, 2.0]), 0.0);
-    }
 
     #[test]
     fn a_parabola_departs_from_its_line_by_its_closed_form() {

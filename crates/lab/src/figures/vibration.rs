@@ -3,8 +3,9 @@
 use serde::Serialize;
 
 use super::check::Check;
-use super::trend::{range, spearman_with_order};
+use super::trend::range;
 use super::{FigureSettings, FiguresError};
+use crate::evaluation::rank_correlation;
 use flankwatch_gear::{FlankWear, GearPair, MeshCycle, RunSettings, simulate};
 use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, Spectrum};
 use flankwatch_wear::library::response_record;
@@ -268,7 +269,8 @@ impl VibrationFigures {
     /// Assembles the states.
     pub(super) fn new(pair: &GearPair, indicators: Vec<IndicatorState>, states: [Vibration; 2]) -> Self {
         let column = |value: fn(&IndicatorState) -> f64| {
-            spearman_with_order(&indicators.iter().map(value).collect::<Vec<_>>())
+            let by_wear = (0_u32..).zip(&indicators).map(|(number, state)| (f64::from(number), value(state)));
+            rank_correlation(&by_wear.collect::<Vec<_>>()).unwrap_or(0.0)
         };
         let shaft_hz = pair.spec.operation.shaft_speed_hz;
         Self {
