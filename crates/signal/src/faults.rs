@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// The crest of a coarsely quantised tone lasts several samples and ends by a step above 1 % of the range.
+    /// The crest of a coarsely quantised tone is flat and ends by a step above 1 % of the range.
     #[test]
     fn a_coarse_tone_is_clipped_only_where_it_is_cut() {
         for amplitude in [10.0, 20.0, 40.0, 100.0] {
