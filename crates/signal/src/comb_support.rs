@@ -430,6 +430,12 @@ mod tests {
         let support = support_of(mesh, [mesh], &context());
         assert_eq!((support.found, support.sought, support.doubt), (1, 1, None));
         assert_eq!(support_of(mesh, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
+        // An even harmonic of another mesh is no such comb.
+        for part in [2.0, 4.0, 6.0, 8.0] {
+            let lines = comb(mesh / part).take_while(|position| *position < 0.48 * LENGTH as f64);
+            let doubt = support_of(mesh, lines, &context()).doubt;
+            assert!(matches!(doubt, Some(CombDoubt::OtherMesh(_))), "{part}: {doubt:?}");
+        }
     }
 
     /// 4 × 480.3 is a harmonic of either, and so on; the truth lies within a bin.
