@@ -85,7 +85,7 @@ pub enum ServiceError {
         reason: &'static str,
     },
     /// A file operation failed.
-    #[error("cannot {action} {path}: {source}", path = path.display())]
+    #[error("failed to {action} {path}: {source}", path = path.display())]
     File {
         /// The operation, for example `"create the folder"`.
         action: &'static str,
@@ -129,7 +129,7 @@ pub enum ServiceError {
     #[error("there is no maintenance event {0:?}")]
     MaintenanceUnknown(String),
     /// The threads of a pool cannot be started.
-    #[error("cannot start {name} threads: {source}")]
+    #[error("failed to start {name} threads: {source}")]
     Threads {
         /// The name of the pool.
         name: &'static str,

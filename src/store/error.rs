@@ -12,7 +12,7 @@ use crate::asset::AssetId;
 #[derive(Debug, Error)]
 pub enum StoreError {
     /// A file operation failed.
-    #[error("cannot {action} {path}: {source}", path = path.display())]
+    #[error("failed to {action} {path}: {source}", path = path.display())]
     File {
         /// The operation, for example `"create the data folder"`.
         action: &'static str,
@@ -67,7 +67,7 @@ pub enum StoreError {
     #[error("database: {0}")]
     Database(#[from] sqlx::Error),
     /// An object store operation failed.
-    #[error("cannot {action} {name} in the object store: {source}")]
+    #[error("failed to {action} {name} in the object store: {source}")]
     Bucket {
         /// The operation, for example `"store"`.
         action: &'static str,

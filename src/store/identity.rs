@@ -97,7 +97,7 @@ impl Store {
 
     fn set_removal_hold(&self, why: Option<String>) {
         if let Some(why) = &why {
-            tracing::warn!(why, "suspended removals from the raw recordings");
+            tracing::warn!(why, "suspended the removal of raw recordings");
         }
         *self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner) = why;
     }

@@ -80,10 +80,10 @@ trait Backend: fmt::Debug + Send + Sync {
     /// Lists all files under a path, including those in subfolders.
     fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError>;
 
-    /// Moves a file; a missing file is no error.
+    /// Moves a file; a missing file is not an error.
     fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError>;
 
-    /// Removes a file; a missing file is no error.
+    /// Removes a file; a missing file is not an error.
     fn remove_file(&self, path: &str) -> Result<(), StoreError>;
 }
 
@@ -171,7 +171,7 @@ impl Objects {
         self.backend.put_file(WRITE_PROBE, Bytes::new())
     }
 
-    /// Removes an object; a missing object is no error.
+    /// Removes an object; a missing object is not an error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
         self.backend.remove_file(&self.backend.object_path(name))
     }

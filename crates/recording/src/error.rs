@@ -25,7 +25,7 @@ impl RecordingError {
 pub enum RecordingError {
     /// A file cannot be opened.
     #[cfg(feature = "files")]
-    #[error("cannot open {path:?}: {source}")]
+    #[error("failed to open {path:?}: {source}")]
     Open {
         /// Path of the file.
         path: std::path::PathBuf,

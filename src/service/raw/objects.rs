@@ -184,7 +184,7 @@ impl RawObjects {
     }
 
     /// Moves all unreferenced objects into quarantine, such as those that a killed process stored without
-    /// results, and removes objects whose time in quarantine is over. Does nothing while removals are
+    /// results, and removes objects whose quarantine has expired. Does nothing while removals are
     /// suspended.
     pub(crate) async fn sweep(&self) -> Result<(), ServiceError> {
         if self.store.check_marks().await?.is_some() {
@@ -210,7 +210,7 @@ impl RawObjects {
         };
         let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
         if objects > 0 {
-            tracing::info!(objects, bytes, "removed raw objects whose time in quarantine is over");
+            tracing::info!(objects, bytes, "removed raw objects whose quarantine has expired");
         }
         Ok(())
     }

@@ -29,7 +29,7 @@ impl Quarantined {
 }
 
 impl Objects {
-    /// Moves an object into quarantine; a missing object is no error.
+    /// Moves an object into quarantine; a missing object is not an error.
     pub fn quarantine(&self, name: &str, now: Timestamp) -> Result<(), StoreError> {
         self.backend.move_file(&self.backend.object_path(name), &path(name, now))
     }

@@ -132,7 +132,7 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
         ("in.csv", "out.flac", "--rate 10 --unit g", "OUT is"),
         ("in.csv", "there.mcap", "--rate 10 --unit g", "exists, expected a new file"),
         ("in.csv", "there.mcap", "--rate 10 --unit g --force", "csv line 3"),
-        ("no.csv", "out.mcap", "--rate 10 --unit g", "cannot open"),
+        ("no.csv", "out.mcap", "--rate 10 --unit g", "failed to open"),
         ("empty.csv", "out.mcap", "--rate 10 --unit g", "0 bytes"),
         ("bare.csv", "out.mcap", "--rate 10 --unit g", "channel \"a\" has no samples"),
         ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
