@@ -167,10 +167,12 @@ fn numbers(folder: &Path) -> Result<Vec<u64>, StoreError> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries.map_err(|source| file_error("list", folder, source))?,
     };
-    let mut numbers: Vec<u64> = entries
-        .flatten()
-        .filter_map(|entry| entry.file_name().to_str()?.strip_suffix(".journal")?.parse().ok())
-        .collect();
+    let mut numbers: Vec<u64> = Vec::new();
+    for entry in entries {
+        // A file that is missed would have its number given out again.
+        let name = entry.map_err(|source| file_error("list", folder, source))?.file_name();
+        numbers.extend(name.to_str().and_then(|name| name.strip_suffix(".journal")?.parse::<u64>().ok()));
+    }
     numbers.sort_unstable();
     Ok(numbers)
 }
@@ -183,17 +185,14 @@ fn begin_file(
 ) -> Result<(File, u64), StoreError> {
     let path = path_of(folder, number);
     let bytes = JournalEntry::encode(&[JournalEntry::Checkpoint(checkpoint)]);
-    let begin = || {
-        let file = disk.create_file(&path)?;
-        disk.append_synced(&file, &bytes)?;
-        Ok(file)
-    };
-    let file = begin().map_err(|source| {
+    let failed = |source| file_error("write", &path, source);
+    let file = disk.create_file(&path).map_err(failed)?;
+    let written = disk.append_synced(&file, &bytes).map_err(failed);
+    if let Err(error) = written.and_then(|()| sync_folder(disk, folder)) {
         // Free the number for a retry.
         let _ = disk.remove_file(&path);
-        file_error("write", &path, source)
-    })?;
-    sync_folder(disk, folder)?;
+        return Err(error);
+    }
     Ok((file, bytes.len() as u64))
 }
 
@@ -276,6 +275,18 @@ mod tests {
         journal.append(&[frames(20, 1)]).unwrap();
         assert_eq!(entries(folder.path())[4..], [checkpoint(b"b"), frames(20, 1)]);
         assert_eq!(journal.frames(18, 3).unwrap().unwrap().len(), 6);
+    }
+
+    #[test]
+    fn an_existing_file_is_not_written_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = || StreamJournal::open(Arc::new(SystemDisk), folder.path(), 2, Bytes::new()).unwrap();
+        let mut journal = open();
+        let mut other = open();
+        other.append(&[frames(0, 10)]).unwrap();
+        let error = journal.rotate(Bytes::new()).unwrap_err();
+        assert!(error.to_string().contains("000000000001.journal"), "{error}");
+        assert!(entries(folder.path()).contains(&frames(0, 10)), "its samples are kept");
     }
 
     #[test]
