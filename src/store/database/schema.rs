@@ -99,7 +99,7 @@ impl Dialect {
 }
 
 /// The migrations: number, description and text.
-const MIGRATIONS: [(i64, &str, &str); 8] = [
+const MIGRATIONS: [(i64, &str, &str); 9] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
     (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
@@ -108,6 +108,7 @@ const MIGRATIONS: [(i64, &str, &str); 8] = [
     (6, "columns", include_str!("migrations/0006_columns.sql")),
     (7, "thinning", include_str!("migrations/0007_thinning.sql")),
     (8, "partitions", include_str!("migrations/0008_partitions.sql")),
+    (9, "removal", include_str!("migrations/0009_removal.sql")),
 ];
 
 /// The sixth migration for PostgreSQL.

@@ -6,7 +6,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::raw::kept_among;
 use crate::asset::{AssetId, Segment, SegmentId};
-use crate::store::commit::Commit;
+use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
@@ -104,13 +104,8 @@ impl Store {
             let Some(first) = records.iter().map(|record| &record.key).min().cloned() else {
                 continue;
             };
-            for record in &records {
-                sqlx::query("DELETE FROM segments WHERE id = $1")
-                    .bind(record.key.id.0.as_str())
-                    .execute(&mut *commit.transaction)
-                    .await?;
-            }
-            commit.without(channel, first).await?;
+            commit.delete_segments(records.iter().map(|record| &record.key.id)).await?;
+            commit.without(channel, first, records.len() as u64).await?;
             names.extend(records.iter().map(|record| record.raw_sha256.clone()));
             removed.segments.extend(records.into_iter().map(|record| record.key.id));
         }
@@ -148,26 +143,41 @@ impl Commit {
         Ok(records)
     }
 
-    /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel
-    /// without records is deleted with its alarms.
-    async fn without(&mut self, mut channel: ChannelSummary, first: SegmentKey) -> Result<(), StoreError> {
-        let count = sqlx::query("SELECT COUNT(*) AS segments FROM segments WHERE channel_no = $1")
-            .bind(channel.channel_no)
-            .fetch_one(&mut *self.transaction)
-            .await?;
-        channel.segments = u64::try_from(get::<i64>(&count, "segments")?).unwrap_or(0);
-        if channel.segments == 0 {
-            sqlx::query("DELETE FROM channels WHERE channel_no = $1")
-                .bind(channel.channel_no)
-                .execute(&mut *self.transaction)
-                .await?;
-            return Ok(());
+    /// Deletes segments with all their results.
+    pub(super) async fn delete_segments(
+        &mut self,
+        ids: impl Iterator<Item = &SegmentId>,
+    ) -> Result<(), StoreError> {
+        for chunk in ids.collect::<Vec<_>>().chunks(ROWS_AT_ONCE) {
+            let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
+            let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
+            let query = chunk.iter().fold(query, |query, id| query.bind(id.0.as_str()));
+            query.execute(&mut *self.transaction).await?;
         }
+        Ok(())
+    }
+
+    /// Updates a channel after the removal of `count` records, the earliest of which was at `first`. A
+    /// channel without records is deleted with its alarms.
+    async fn without(
+        &mut self,
+        mut channel: ChannelSummary,
+        first: SegmentKey,
+        count: u64,
+    ) -> Result<(), StoreError> {
+        channel.segments = channel.segments.saturating_sub(count);
         for direction in ["ASC", "DESC"] {
             let text = format!(
                 "SELECT id, start_time_ns FROM segments WHERE channel_no = $1 ORDER BY start_time_ns {direction}, id {direction} LIMIT 1"
             );
-            let row = sqlx::query(&text).bind(channel.channel_no).fetch_one(&mut *self.transaction).await?;
+            let query = sqlx::query(&text).bind(channel.channel_no);
+            let Some(row) = query.fetch_optional(&mut *self.transaction).await? else {
+                sqlx::query("DELETE FROM channels WHERE channel_no = $1")
+                    .bind(channel.channel_no)
+                    .execute(&mut *self.transaction)
+                    .await?;
+                return Ok(());
+            };
             let start_time = Some(from_ns(get(&row, "start_time_ns")?));
             if direction == "ASC" {
                 channel.first_start_time = start_time;

@@ -5,8 +5,8 @@ use sqlx::any::AnyRow;
 
 use crate::asset::SegmentId;
 use crate::store::assets::channel_of;
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
-use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
+use crate::store::commit::Commit;
+use crate::store::database::rows::{from_ns, get, to_ns};
 use crate::store::{ChannelSummary, Store, StoreError};
 
 /// Time between two rounds of thinning by any process.
@@ -155,12 +155,7 @@ impl Store {
         let (_, old) = commit.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
         let (removed, until_ns) =
             commit.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
-        for chunk in removed.chunks(ROWS_AT_ONCE) {
-            let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
-            let query = sqlx::query(&text).persistent(commit.dialect.caches_statement(chunk.len()));
-            let query = chunk.iter().fold(query, |query, record| query.bind(record.id.0.as_str()));
-            query.execute(&mut *commit.transaction).await?;
-        }
+        commit.delete_segments(removed.iter().map(|record| &record.id)).await?;
         sqlx::query("UPDATE channels SET thinned_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
             .bind(until_ns)
