@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
+use sqlx::{Any, Executor};
 
 use super::commit::Commit;
 use super::database::rows::{get, get_json, to_json, to_ns};
@@ -32,11 +33,7 @@ impl StoredEvent {
 impl Store {
     /// All events of an asset in the order of time.
     pub async fn maintenance(&self, asset: &AssetId) -> Result<Vec<MaintenanceEvent>, StoreError> {
-        let rows = sqlx::query("SELECT * FROM maintenance_events WHERE asset_id = $1 ORDER BY time_ns, id")
-            .bind(asset.as_str())
-            .fetch_all(self.read())
-            .await?;
-        rows.iter().map(|row| Ok(event_of(row)?.event)).collect()
+        events_of(asset, self.read()).await
     }
 
     /// Up to `limit` events of an asset, the latest first, that come after `after` in this order.
@@ -78,6 +75,14 @@ impl Store {
 }
 
 impl Commit {
+    /// All events of an asset in the order of time.
+    pub(super) async fn maintenance(
+        &mut self,
+        asset: &AssetId,
+    ) -> Result<Vec<MaintenanceEvent>, StoreError> {
+        events_of(asset, &mut *self.transaction).await
+    }
+
     /// Adds an event; returns whether it is new. No channel is added to the asset before the end of the
     /// transaction.
     ///
@@ -125,6 +130,17 @@ impl Commit {
         channel.note_change(SegmentKey { start_time: time, id: SegmentId(String::new()) });
         self.set_channel(&mut channel, false).await
     }
+}
+
+async fn events_of<'c>(
+    asset: &AssetId,
+    executor: impl Executor<'c, Database = Any>,
+) -> Result<Vec<MaintenanceEvent>, StoreError> {
+    let rows = sqlx::query("SELECT * FROM maintenance_events WHERE asset_id = $1 ORDER BY time_ns, id")
+        .bind(asset.as_str())
+        .fetch_all(executor)
+        .await?;
+    rows.iter().map(|row| Ok(event_of(row)?.event)).collect()
 }
 
 fn event_of(row: &AnyRow) -> Result<StoredEvent, StoreError> {

@@ -6,8 +6,9 @@ use serde_json::{Value, json};
 
 use crate::alarms::{act, at_once, history_entries, loud, wait_for_alarm, watched, whole};
 use crate::running::{Service, mcap, minute, plain_asset, record};
+use flankwatch::asset::AssetId;
 use flankwatch::service::OldResults;
-use flankwatch::store::Thinning;
+use flankwatch::store::{StoredEvent, Thinning};
 use jiff::SignedDuration;
 
 const RECORDS: u32 = 240;
@@ -16,14 +17,17 @@ fn minutes(n: u64) -> Duration {
     Duration::from_secs(60 * n)
 }
 
-/// Thins results that are older than 100 minutes to one in ten minutes; returns how many records went.
-fn thin(service: &Service) -> u64 {
-    let thinning = Thinning {
+fn thinning() -> Thinning {
+    Thinning {
         now: minute(365 * 24 * 60),
         age: SignedDuration::from_mins(100),
         interval: SignedDuration::from_mins(10),
-    };
-    service.run(service.service().store.thin_results(thinning)).unwrap()
+    }
+}
+
+/// Thins results that are older than 100 minutes to one in ten minutes; returns how many records went.
+fn thin(service: &Service) -> u64 {
+    service.run(service.service().store.thin_results(thinning())).unwrap()
 }
 
 /// Sends one record a minute for four hours, with a service of the machine after the first.
@@ -75,6 +79,29 @@ fn of_old_records_one_in_each_interval_is_kept_with_its_results() {
         trend["items"].as_array().unwrap().iter().all(|item| item["status"] != "recomputing")
     });
     assert_eq!(folded["items"].as_array().unwrap().len(), kept.len() + 1);
+}
+
+#[test]
+fn records_after_an_event_that_is_being_added_are_kept() {
+    let service = Service::start_with(|config| config.work.quotas.bytes = Some(100_000));
+    send(&service);
+    wait_for_the_quota(&service);
+    let event = json!({ "time": minute(100), "kind": "gear_replaced", "by": "a mechanic" });
+    let event = StoredEvent::new(serde_json::from_value(event).unwrap()).unwrap();
+    service.run(async {
+        let store = service.service().store.clone();
+        let mut commit = store.begin().await.unwrap();
+        commit.add_maintenance(&AssetId::new("pump").unwrap(), &event).await.unwrap();
+        let thinning = tokio::spawn(async move { store.thin_results(thinning()).await.unwrap() });
+        // It waits for this transaction.
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        commit.finish().await.unwrap();
+        assert!(thinning.await.unwrap() > 0);
+    });
+    let kept: Vec<Value> = items(&service);
+    for n in 100..116 {
+        assert!(kept.iter().any(|item| item["start_time"] == json!(minute(n))), "minute {n}");
+    }
 }
 
 #[test]

@@ -120,7 +120,6 @@ impl Store {
         channel: &ChannelSummary,
         thinning: Thinning,
     ) -> Result<(u64, bool), StoreError> {
-        let events = self.maintenance(&channel.asset_id).await?;
         let mut commit = self.begin().await?;
         // Asset or channel may be deleted by now.
         let asset = match commit.asset(&channel.asset_id).await {
@@ -136,7 +135,8 @@ impl Store {
             return Ok((0, true));
         }
         let mut starts_ns = vec![i64::MIN];
-        for event in events {
+        // Within the transaction: no event is added before its end.
+        for event in commit.maintenance(&channel.asset_id).await? {
             starts_ns.push(to_ns(event.time)?);
         }
         let records = KEPT_PER_BASELINE_RECORD * i64::from(asset.spec.baseline.records);
