@@ -65,6 +65,7 @@ mod workers;
 
 pub use alarms::{Alarms, OperatorAction};
 pub use assets::Assets;
+pub(crate) use background::while_leased;
 pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
 pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};

@@ -20,8 +20,8 @@ use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body::BodySource;
 use crate::http::uploads;
-use crate::service::{ChannelNames, ServiceError, blocking, detached};
-use crate::store::{NewUpload, UploadPiece};
+use crate::service::{ChannelNames, ServiceError, blocking, detached, while_leased};
+use crate::store::{NewUpload, Reading, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
 const RETENTION: SignedDuration = SignedDuration::from_hours(24);
@@ -202,29 +202,26 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
 
 /// Starts processing a complete upload in the background, unless another process does so.
 async fn take_over(app: &App, id: &str) -> Result<(), Problem> {
-    if app.service.store.begin_reading(id, app.service.now()).await? {
+    if let Some(reading) = app.service.store.begin_reading(id, app.service.now()).await? {
         app.reading_waits.begin(id);
         let upload = find(app, id).await?;
-        tokio::spawn(read_and_end(app.clone(), upload));
+        tokio::spawn(read_and_end(app.clone(), upload, reading));
     }
     Ok(())
 }
 
 /// Processes a complete upload with a heartbeat.
-async fn read_and_end(app: App, upload: ResumableUpload) {
-    let alive = async {
-        loop {
-            tokio::time::sleep(ALIVE_INTERVAL).await;
-            if let Err(error) = app.service.store.renew_reading(&upload.id, app.service.now()).await {
-                tracing::debug!(upload = upload.id, %error, "failed to write the heartbeat of an upload");
-            }
+async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
+    let renew = || async {
+        if let Err(error) = app.service.store.renew_reading(&reading, app.service.now()).await {
+            tracing::debug!(upload = upload.id, %error, "failed to write the heartbeat of an upload");
         }
     };
     let work = async {
         let Some(taken) = read(&app, &upload).await else {
             return;
         };
-        while let Err(problem) = end(&app, &upload, &taken).await {
+        while let Err(problem) = end(&app, &upload, &reading, &taken).await {
             tracing::warn!(
                 upload = upload.id,
                 problem = problem.detail(),
@@ -236,10 +233,7 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
             tokio::time::sleep(RETRY_AFTER).await;
         }
     };
-    tokio::select! {
-        () = work => {}
-        () = alive => {}
-    }
+    while_leased(ALIVE_INTERVAL, work, renew).await;
     app.reading_waits.end(&upload.id);
 }
 
@@ -297,6 +291,7 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
 async fn end(
     app: &App,
     upload: &ResumableUpload,
+    reading: &Reading,
     taken: &Result<UploadAnswer, Problem>,
 ) -> Result<(), Problem> {
     let text = taken.as_ref().map(serde_json::to_string);
@@ -306,13 +301,16 @@ async fn end(
         Err(problem) => Err(problem.detail()),
     };
     let expires_at = expiry(app).await?;
-    match app.service.store.finish_reading(&upload.id, result, expires_at).await {
+    let is_mine = match app.service.store.finish_reading(reading, result, expires_at).await {
         Err(error) if error.is_full() => {
             // The upload is complete, and removing its pieces frees space.
             app.service.uploads.remove(vec![upload.id.clone()]).await?;
-            app.service.store.finish_reading(&upload.id, result, expires_at).await?;
+            app.service.store.finish_reading(reading, result, expires_at).await?
         }
         done => done?,
+    };
+    if is_mine {
+        app.service.uploads.remove(vec![upload.id.clone()]).await?;
     }
-    Ok(app.service.uploads.remove(vec![upload.id.clone()]).await?)
+    Ok(())
 }

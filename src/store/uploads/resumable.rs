@@ -83,6 +83,13 @@ pub struct UploadPiece {
     pub object: String,
 }
 
+/// The right of one process to read an upload, until another one takes over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reading {
+    upload: String,
+    number: i64,
+}
+
 impl Store {
     /// Starts an upload; returns false if `most` uploads are in progress, or `most_of_client` of the same
     /// client, whose identifiers start with the same `CLIENT_MARK` characters.
@@ -191,63 +198,71 @@ impl Store {
         rows.iter().map(|row| get(row, "id")).collect()
     }
 
-    /// Acquires the right to read a complete upload; returns false if another process has it, or if it has
+    /// Acquires the right to read a complete upload; returns `None` if another process has it, or if it has
     /// been read.
-    pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+    pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<Option<Reading>, StoreError> {
         let now = self.now(now).await?;
         let text = format!(
-            "UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}"
+            "UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3, readings = readings + 1
+             WHERE id = $2 AND {UNREAD} RETURNING readings"
         );
         let begun = sqlx::query(&text)
             .bind(to_ns(now)?)
             .bind(id)
             .bind(alive_until(now)?)
-            .execute(self.write()?)
+            .fetch_optional(self.write()?)
             .await?;
-        Ok(begun.rows_affected() > 0)
+        begun.map(|row| Ok(Reading { upload: id.to_owned(), number: get(&row, "readings")? })).transpose()
     }
 
-    /// Renews the right to read an upload.
-    pub async fn renew_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
+    /// Renews the right to read an upload; returns false if another process has taken over.
+    pub async fn renew_reading(&self, reading: &Reading, now: Timestamp) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
-        sqlx::query(
-            "UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'",
+        let renewed = sqlx::query(
+            "UPDATE resumable_uploads SET reader_until_ns = $3 WHERE id = $1 AND readings = $2 AND progress = 'reading'",
         )
-        .bind(id)
+        .bind(reading.upload.as_str())
+        .bind(reading.number)
         .bind(alive_until(now)?)
         .execute(self.write()?)
         .await?;
-        Ok(())
+        Ok(renewed.rows_affected() > 0)
     }
 
-    /// Stores the result of an upload, which can be read until `expires_at`.
+    /// Stores the result of an upload, which can be read until `expires_at`; returns false if another process
+    /// has taken over. Otherwise the caller removes its objects.
     pub async fn finish_reading(
         &self,
-        id: &str,
+        reading: &Reading,
         result: Result<&str, &str>,
         expires_at: Timestamp,
-    ) -> Result<(), StoreError> {
+    ) -> Result<bool, StoreError> {
         let (progress, result, error) = match result {
             Ok(result) => (UploadProgress::Finished, result, ""),
             Err(error) => (UploadProgress::Failed, "", error),
         };
         let mut transaction = self.write()?.begin().await?;
-        sqlx::query(
+        let finished = sqlx::query(
             "UPDATE resumable_uploads SET progress = $2, result = NULLIF($3, ''), error = NULLIF($4, ''), expires_at_ns = $5, reader_until_ns = NULL
-             WHERE id = $1 AND progress = 'reading'",
+             WHERE id = $1 AND readings = $6 AND progress = 'reading'",
         )
-        .bind(id)
+        .bind(reading.upload.as_str())
         .bind(progress.name())
         .bind(result)
         .bind(error)
         .bind(to_ns(expires_at)?)
+        .bind(reading.number)
         .execute(&mut *transaction)
         .await?;
+        if finished.rows_affected() == 0 {
+            return Ok(false);
+        }
         sqlx::query("DELETE FROM upload_pieces WHERE upload_id = $1")
-            .bind(id)
+            .bind(reading.upload.as_str())
             .execute(&mut *transaction)
             .await?;
-        Ok(transaction.commit().await?)
+        transaction.commit().await?;
+        Ok(true)
     }
 
     /// Deletes an upload; returns false if it is being read, unless the caller is the reader. The caller
@@ -341,4 +356,38 @@ fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
         result: get(row, "result")?,
         error: get(row, "error")?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn only_the_latest_reader_of_an_upload_ends_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().into()).await.unwrap();
+        let start: Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
+        let later = start + LEASE + SignedDuration::from_secs(1);
+        let kept_until = start + SignedDuration::from_hours(1);
+        let asset = AssetId::new("pump").unwrap();
+        let upload = NewUpload { id: "abcdefgh1".to_owned(), asset, length: 3, expires_at: kept_until };
+        assert!(store.begin_resumable(&upload, 9, 9).await.unwrap());
+        assert_eq!(store.begin_reading(&upload.id, start).await.unwrap(), None, "it is not complete");
+        let piece = UploadPiece { bytes: 3, object: "piece".to_owned() };
+        assert!(store.add_piece(&upload.id, 0, &piece, kept_until).await.unwrap());
+
+        let first = store.begin_reading(&upload.id, start).await.unwrap().unwrap();
+        assert_eq!(store.begin_reading(&upload.id, start).await.unwrap(), None);
+        let second = store.begin_reading(&upload.id, later).await.unwrap().unwrap();
+        assert!(!store.renew_reading(&first, later).await.unwrap());
+        assert!(!store.finish_reading(&first, Err("a piece is missing"), kept_until).await.unwrap());
+        assert_eq!(store.upload_pieces(&upload.id).await.unwrap(), [piece]);
+
+        assert!(store.renew_reading(&second, later).await.unwrap());
+        assert!(store.finish_reading(&second, Ok("{}"), kept_until).await.unwrap());
+        assert!(!store.renew_reading(&second, later).await.unwrap());
+        let stored = store.resumable(&upload.id, later).await.unwrap().unwrap();
+        assert_eq!((stored.progress, stored.error), (UploadProgress::Finished, None));
+        assert_eq!(store.upload_pieces(&upload.id).await.unwrap(), []);
+    }
 }
