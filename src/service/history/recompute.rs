@@ -3,6 +3,7 @@
 //! once.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::channels::{Channels, Slot};
 use super::fold::{AlarmRun, FoldInput, FoldPoint, folding, read_point, states_of};
@@ -10,6 +11,7 @@ use super::folding::Folding;
 use super::progress::Progress;
 use super::timeline::Timeline;
 use crate::asset::{AssetId, AssetSpec, SegmentId};
+use crate::service::background::while_leased;
 use crate::service::clock::Clock;
 use crate::service::error::ServiceError;
 use crate::service::events::{Announcer, LiveEvent};
@@ -29,6 +31,9 @@ const FOLDED_AT_ONCE: u32 = 256;
 
 /// Records analysed in one batch.
 const ANALYSED_AT_ONCE: u32 = 32;
+
+/// Interval at which a process renews its right to recompute a history.
+const RENEWAL_INTERVAL: Duration = Duration::from_secs(15);
 
 /// Rows removed in one transaction.
 const REMOVED_AT_ONCE: u32 = 500;
@@ -148,7 +153,8 @@ impl Recomputer {
             let Some(wear) = self.store.begin_generation(&channel, self.clock.now()).await? else {
                 return Ok(UpdateOutcome::InOtherProcess);
             };
-            match self.recompute(&description, &estimator, &channel, wear, wanted).await {
+            let recomputed = self.recompute(&description, &estimator, &channel, wear, wanted);
+            match while_leased(RENEWAL_INTERVAL, recomputed, || self.renew(&channel, wear)).await {
                 Ok(()) => {}
                 // Another process took over, or the description changed: start again.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
@@ -161,6 +167,14 @@ impl Recomputer {
                     return Err(error);
                 }
             }
+        }
+    }
+
+    /// Renews the right to recompute a channel's history. Without it the next write fails.
+    async fn renew(&self, channel: &ChannelSummary, wear: WearGeneration) {
+        if let Err(error) = self.store.renew_generation(channel, wear, self.clock.now()).await {
+            let (asset, channel) = (&channel.asset_id, &channel.channel);
+            tracing::debug!(%asset, channel, %error, "failed to renew the right to recompute a history");
         }
     }
 
@@ -293,8 +307,7 @@ impl Recomputer {
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
-            let now = self.clock.now();
-            store.add_analyses(channel, wear, generation, &analyses, now).await?;
+            store.add_analyses(channel, wear, generation, &analyses).await?;
             self.progress.update(&channel.asset_id, &channel.channel, |shown| {
                 shown.analysed += analyses.len() as u64 - without_raw;
                 shown.without_raw += without_raw;
@@ -325,8 +338,7 @@ impl Recomputer {
             return Ok(0);
         }
         let states = states_of(&folded.points)?;
-        let now = self.clock.now();
-        store.add_wears(channel, wear, &folded.results, (position, &states), now).await?;
+        store.add_wears(channel, wear, &folded.results, (position, &states)).await?;
         *point = folded.points.pop();
         self.progress
             .update(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);

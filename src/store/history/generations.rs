@@ -22,8 +22,8 @@ use crate::store::{
     SegmentKey, Store, StoreError,
 };
 
-/// Time after its last write for which the process that writes a generation counts as alive; then another one
-/// may take over.
+/// Time after its last renewal for which the process that writes a generation counts as alive; then another
+/// one may take over.
 const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 /// The error for a process that lost its generation to another one.
@@ -83,6 +83,28 @@ impl Store {
         commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
         Ok(Some(WearGeneration(channel.newest_generation)))
+    }
+
+    /// Renews the lease of the process that writes a generation. To be called while records are analysed and
+    /// folded: one batch can take longer than the lease.
+    ///
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
+    pub async fn renew_generation(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
+        let renewed = sqlx::query(
+            "UPDATE channels SET maker_until_ns = $3 WHERE channel_no = $1 AND next_wear_generation = $2",
+        )
+        .bind(channel.channel_no)
+        .bind(wear.0)
+        .bind(to_ns(lease_end(now, LEASE))?)
+        .execute(self.write()?)
+        .await?;
+        if renewed.rows_affected() > 0 { Ok(()) } else { Err(LEASE_LOST) }
     }
 
     /// Abandons a generation, so that another process need not wait. Its estimates become leftovers, and its
@@ -160,10 +182,7 @@ impl Store {
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<NewSegment>, StoreError> {
-        let (after_ns, after_id) = match after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (i64::MIN, ""),
-        };
+        let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
             "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicator_values, a.feature_values
              FROM segments s
@@ -193,14 +212,11 @@ impl Store {
         wear: WearGeneration,
         generation: AnalysisGeneration,
         analyses: &[(SegmentId, Analysed)],
-        now: Timestamp,
     ) -> Result<(), StoreError> {
-        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
-        let channel = commit.leased_channel(channel, wear).await?;
+        commit.leased_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
         commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
-        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
@@ -213,9 +229,7 @@ impl Store {
         generation: WearGeneration,
         wears: &[(SegmentKey, RunResult)],
         (after, states): (u64, &[FoldState]),
-        now: Timestamp,
     ) -> Result<(), StoreError> {
-        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let channel = commit.leased_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
@@ -226,7 +240,6 @@ impl Store {
         });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
         commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
-        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
@@ -289,10 +302,7 @@ impl Store {
         }
         // The lease of its writer has expired: should it still run, its next write fails.
         channel.next_wear = None;
-        let (after_ns, after_id) = match after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (i64::MIN, ""),
-        };
+        let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
         let rows = sqlx::query(
             "SELECT id, start_time_ns FROM segments WHERE channel_no = $1 AND (start_time_ns, id) > ($2, $3)
              ORDER BY start_time_ns, id LIMIT $4",
@@ -305,44 +315,43 @@ impl Store {
         .await?;
         let being_made =
             channel.next_analysis.as_ref().map_or(channel.analysis_generation, |(generation, _)| *generation);
-        for row in &rows {
-            let id: String = get(row, "id")?;
-            sqlx::query(
-                "DELETE FROM analyses WHERE segment_id = $1 AND generation <> $2 AND generation <> $3",
-            )
-            .bind(id.as_str())
-            .bind(channel.analysis_generation)
-            .bind(being_made)
-            .execute(&mut *commit.transaction)
-            .await?;
-            for table in ["wear_estimates", "wear_posteriors"] {
-                let text = format!("DELETE FROM {table} WHERE segment_id = $1 AND generation <> $2");
-                sqlx::query(&text)
-                    .bind(id.as_str())
-                    .bind(channel.wear_generation)
-                    .execute(&mut *commit.transaction)
-                    .await?;
-            }
+        let last = rows.last().map(|row| -> Result<SegmentKey, StoreError> {
+            Ok(SegmentKey { start_time: get_time(row, "start_time_ns")?, id: SegmentId(get(row, "id")?) })
+        });
+        let last = last.transpose()?;
+        let (last_ns, last_id) = SegmentKey::bound(last.as_ref(), i64::MIN)?;
+        for (table, kept) in [
+            ("analyses", [channel.analysis_generation, being_made]),
+            ("wear_estimates", [channel.wear_generation; 2]),
+            ("wear_posteriors", [channel.wear_generation; 2]),
+        ] {
+            let text = format!(
+                "DELETE FROM {table} WHERE generation NOT IN ($1, $2) AND segment_id IN (
+                    SELECT id FROM segments
+                    WHERE channel_no = $3 AND (start_time_ns, id) > ($4, $5) AND (start_time_ns, id) <= ($6, $7)
+                 )"
+            );
+            sqlx::query(&text)
+                .bind(kept[0])
+                .bind(kept[1])
+                .bind(channel.channel_no)
+                .bind(after_ns)
+                .bind(after_id)
+                .bind(last_ns)
+                .bind(last_id)
+                .execute(&mut *commit.transaction)
+                .await?;
         }
-        let next = match rows.last() {
-            Some(row) if rows.len() as u64 >= u64::from(limit) => {
-                commit.set_channel(&mut channel, false).await?;
-                Some(SegmentKey {
-                    start_time: get_time(row, "start_time_ns")?,
-                    id: SegmentId(get(row, "id")?),
-                })
-            }
-            _ => {
-                sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation <> $2")
-                    .bind(channel.channel_no)
-                    .bind(channel.wear_generation)
-                    .execute(&mut *commit.transaction)
-                    .await?;
-                channel.leftovers = false;
-                commit.set_channel(&mut channel, false).await?;
-                None
-            }
-        };
+        let next = last.filter(|_| rows.len() as u64 >= u64::from(limit));
+        if next.is_none() {
+            sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation <> $2")
+                .bind(channel.channel_no)
+                .bind(channel.wear_generation)
+                .execute(&mut *commit.transaction)
+                .await?;
+            channel.leftovers = false;
+        }
+        commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
         Ok(next)
     }
@@ -358,14 +367,79 @@ impl Commit {
         let channel = self.channel_again(channel).await?;
         if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(LEASE_LOST) }
     }
+}
 
-    /// Renews the lease of the process that writes a generation of a channel.
-    async fn renew_lease(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
-        sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
-            .bind(channel.channel_no)
-            .bind(to_ns(lease_end(now, LEASE))?)
-            .execute(&mut *self.transaction)
-            .await?;
-        Ok(())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::asset::AssetId;
+
+    /// A store with a channel of five segments that has rows of four generations, of which 1 is served.
+    async fn with_leftovers(folder: &std::path::Path) -> (Store, ChannelSummary) {
+        let store = Store::open(&folder.into()).await.unwrap();
+        let write = store.write().unwrap();
+        for text in [
+            r#"INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ('pump', '{"id":"pump"}', 0, 0)"#,
+            "INSERT INTO channels (channel_no, asset_id, name, segments, revision, rewritten_revision,
+                analysis_generation, wear_generation, next_analysis_generation, next_analysis_key, leftovers)
+             VALUES (1, 'pump', 'a', 5, 1, 1, 1, 1, 3, 'k', 1)",
+        ] {
+            sqlx::query(text).execute(write).await.unwrap();
+        }
+        for n in 0..5 {
+            let text = format!(
+                "INSERT INTO segments VALUES ('s{n}', 1, {n}, {n}, 20000.0, 4, 'g', '{{}}', NULL, 'h{n}', 8, 'audio/wav', 0, 0)"
+            );
+            sqlx::query(&text).execute(write).await.unwrap();
+            for generation in 0..4 {
+                for text in [
+                    "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key) VALUES ($1, $2, '', '')",
+                    "INSERT INTO wear_estimates (segment_id, generation, status, reason, estimate) VALUES ($1, $2, '', '', '{}')",
+                ] {
+                    let query = sqlx::query(text).bind(format!("s{n}")).bind(i64::from(generation));
+                    query.execute(write).await.unwrap();
+                }
+            }
+        }
+        let channel = store.channels(&AssetId::new("pump").unwrap()).await.unwrap().remove(0);
+        (store, channel)
+    }
+
+    #[tokio::test]
+    async fn leftovers_are_removed_in_batches() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, channel) = with_leftovers(folder.path()).await;
+        let generations = async |table: &str| {
+            let text = format!("SELECT segment_id, generation FROM {table} ORDER BY segment_id, generation");
+            let rows = sqlx::query(&text).fetch_all(store.write().unwrap()).await.unwrap();
+            let row = |row| (get::<String>(row, "segment_id").unwrap(), get::<i64>(row, "generation").unwrap());
+            rows.iter().map(row).map(|(id, generation)| format!("{id}:{generation}")).collect::<Vec<_>>()
+        };
+        let now = Timestamp::UNIX_EPOCH;
+        let after = store.remove_leftovers(&channel, None, 2, now).await.unwrap();
+        assert_eq!(after.as_ref().unwrap().id.0, "s1");
+        assert_eq!(generations("analyses").await.len(), 2 * 2 + 3 * 4);
+        let after = store.remove_leftovers(&channel, after.as_ref(), 2, now).await.unwrap();
+        assert_eq!(store.remove_leftovers(&channel, after.as_ref(), 2, now).await.unwrap(), None);
+        let kept = |generations: &[i64]| -> Vec<String> {
+            (0..5).flat_map(|n| generations.iter().map(move |of| format!("s{n}:{of}"))).collect()
+        };
+        assert_eq!(generations("analyses").await, kept(&[1, 3]));
+        assert_eq!(generations("wear_estimates").await, kept(&[1]));
+        assert!(!store.channels(&channel.asset_id).await.unwrap()[0].leftovers);
+    }
+
+    #[tokio::test]
+    async fn only_the_process_that_writes_a_generation_renews_its_lease() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, channel) = with_leftovers(folder.path()).await;
+        let start = Timestamp::UNIX_EPOCH;
+        let first = store.begin_generation(&channel, start).await.unwrap().unwrap();
+        store.renew_generation(&channel, first, start + LEASE).await.unwrap();
+        let until = store.channels(&channel.asset_id).await.unwrap()[0].maker_until;
+        assert_eq!(until, Some(start + LEASE + LEASE));
+        store.begin_generation(&channel, start + LEASE).await.unwrap().unwrap();
+        let lost = store.renew_generation(&channel, first, start + LEASE).await.unwrap_err();
+        assert!(lost.is_conflict(), "{lost}");
     }
 }

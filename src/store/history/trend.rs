@@ -14,7 +14,7 @@ use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 use crate::store::assets::channel_of;
-use crate::store::database::rows::{from_json, from_ns, get, get_json, to_ns};
+use crate::store::database::rows::{from_json, from_ns, get, get_json};
 use crate::store::database::watched::WatchedTransaction;
 use crate::store::layouts::Layouts;
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
@@ -265,6 +265,7 @@ pub(in crate::store) async fn rows_after(
     after: Option<&SegmentKey>,
     most: usize,
 ) -> Result<Vec<AnyRow>, StoreError> {
+    let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
     let rows = sqlx::query(
         "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicator_values, w.run_indicator_values, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
             w.low_um, w.p25_um, w.p75_um, w.high_um, w.log_evidence
@@ -274,8 +275,8 @@ pub(in crate::store) async fn rows_after(
          WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4",
     )
     .bind(channel.channel_no)
-    .bind(after.map_or(Ok(i64::MIN), |after| to_ns(after.start_time))?)
-    .bind(after.map_or("", |after| after.id.0.as_str()))
+    .bind(after_ns)
+    .bind(after_id)
     .bind(most as i64)
     .bind(channel.analysis_generation)
     .bind(channel.wear_generation)
