@@ -15,6 +15,10 @@ use super::{Backend, Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_
 /// Folder of the pieces of uploads.
 const UPLOADS: &str = "uploads";
 
+/// Age from which on a temporary file counts as left behind by a process that is gone.
+#[cfg(feature = "postgres")]
+const UNFINISHED_FOR: jiff::SignedDuration = jiff::SignedDuration::from_hours(24);
+
 /// Bytes written to check for free space.
 const PROBE_BYTES: usize = 1 << 20;
 
@@ -24,6 +28,8 @@ pub(super) struct Folder {
     disk: Arc<dyn Disk>,
     folder: PathBuf,
     temporary: PathBuf,
+    /// Prefix of the names of temporary files, different for each process that shares the folder.
+    prefix: String,
     counter: AtomicU64,
     /// Folders of objects whose own names are known to be durable.
     durable: Mutex<HashSet<PathBuf>>,
@@ -34,32 +40,22 @@ pub(super) struct Folder {
 impl Folder {
     /// Opens the folder, which is created if missing, and removes the files of interrupted writes.
     pub(super) fn open(folder: PathBuf, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
-        let temporary = folder.join("tmp");
-        let opened = Self::new(folder, temporary, disk);
+        let opened = Self::new(folder, String::new(), disk);
         opened.create_folder(&opened.temporary)?;
         // The names of the folder and its parent too: a crash must not lose the whole folder.
         for folder in opened.folder.ancestors().take(2).filter(|folder| !folder.as_os_str().is_empty()) {
             opened.sync_folder(folder)?;
         }
-        let mut stale = 0;
-        let failed = |source| file_error("list", &opened.temporary, source);
-        for entry in fs::read_dir(&opened.temporary).map_err(failed)? {
-            let path = entry.map_err(failed)?.path();
-            let removed = opened.disk.remove_file(&path);
-            removed.map_err(|source| file_error("remove the unfinished", &path, source))?;
-            stale += 1;
-        }
-        if stale > 0 {
-            tracing::info!(stale, "removed unfinished raw objects of a previous run");
-        }
+        opened.remove_unfinished(None)?;
         Ok(opened)
     }
 
-    fn new(folder: PathBuf, temporary: PathBuf, disk: Arc<dyn Disk>) -> Self {
+    fn new(folder: PathBuf, prefix: String, disk: Arc<dyn Disk>) -> Self {
         Self {
             disk,
+            temporary: folder.join("tmp"),
             folder,
-            temporary,
+            prefix,
             counter: AtomicU64::new(0),
             durable: Mutex::default(),
             is_shared: false,
@@ -68,11 +64,10 @@ impl Folder {
 
     /// Opens an existing folder without removing unfinished files, which another process may be writing.
     pub(super) fn open_to_read(folder: PathBuf) -> Self {
-        let temporary = folder.join("tmp");
-        Self::new(folder, temporary, Arc::new(SystemDisk))
+        Self::new(folder, String::new(), Arc::new(SystemDisk))
     }
 
-    /// Opens a folder that other processes write to as well, without removing their unfinished files.
+    /// Opens a folder that other processes write to as well, and removes old files of interrupted writes.
     #[cfg(feature = "postgres")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut random = [0; 8];
@@ -83,10 +78,41 @@ impl Folder {
                 std::io::Error::other(source.to_string()),
             )
         })?;
-        let temporary = folder.join("tmp").join(hex::encode(random));
-        let opened = Self { is_shared: true, ..Self::new(folder, temporary, Arc::new(SystemDisk)) };
+        let prefix = format!("{}-", hex::encode(random));
+        let opened = Self { is_shared: true, ..Self::new(folder, prefix, Arc::new(SystemDisk)) };
         opened.create_folder(&opened.temporary)?;
+        // By the clock of the file system.
+        let probe = opened.write_temporary(&[])?;
+        let now =
+            fs::metadata(&probe).map_err(|source| file_error("read the metadata of", &probe, source))?;
+        let _ = opened.disk.remove_file(&probe);
+        let before = written_at(&now).saturating_sub(UNFINISHED_FOR);
+        opened.remove_unfinished(Some(before.unwrap_or(Timestamp::MIN)))?;
         Ok(opened)
+    }
+
+    /// Removes the files of interrupted writes, or only those last written before a time.
+    fn remove_unfinished(&self, before: Option<Timestamp>) -> Result<(), StoreError> {
+        let mut removed = 0;
+        for entry in entries(&self.temporary)? {
+            let path = entry.path();
+            let Some(metadata) = if_exists("read the metadata of", &path, entry.metadata())? else {
+                continue;
+            };
+            if metadata.is_file() && before.is_none_or(|before| written_at(&metadata) < before) {
+                if_exists("remove the unfinished", &path, self.disk.remove_file(&path))?;
+                removed += 1;
+            }
+        }
+        if removed > 0 {
+            tracing::info!(removed, "removed unfinished raw objects of earlier processes");
+        }
+        Ok(())
+    }
+
+    /// A new path for a temporary file.
+    fn temporary_path(&self) -> PathBuf {
+        self.temporary.join(format!("{}{}", self.prefix, self.counter.fetch_add(1, Ordering::Relaxed)))
     }
 
     /// Makes the names in a folder durable, and its own name in its parents.
@@ -117,7 +143,7 @@ impl Folder {
 
     /// Writes bytes durably to a temporary file.
     fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
-        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
+        let temporary = self.temporary_path();
         if let Err(source) = self.disk.write_synced(&temporary, bytes) {
             // A full disk must not also keep the partial file.
             let _ = self.disk.remove_file(&temporary);
@@ -261,7 +287,7 @@ impl Backend for Folder {
 
     /// Writes and removes a file.
     fn check_free_space(&self) -> Result<(), StoreError> {
-        let path = self.temporary.join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
+        let path = self.temporary_path();
         let written = fs::write(&path, vec![1_u8; PROBE_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
@@ -396,5 +422,25 @@ mod tests {
         fs::write(folder.path().join("tmp/7"), b"half").unwrap();
         drop(Objects::open(folder.path()).unwrap());
         assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
+    }
+
+    #[cfg(feature = "postgres")]
+    #[test]
+    fn old_unfinished_writes_of_other_processes_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = crate::store::ObjectsSettings::Folder(folder.path().to_path_buf());
+        let objects = Objects::open_shared(&settings).unwrap();
+        let temporary = folder.path().join("tmp");
+        for (name, hours) in [("old-0", 25), ("young-0", 23)] {
+            let file = fs::File::create(temporary.join(name)).unwrap();
+            let written_at = std::time::SystemTime::now() - std::time::Duration::from_secs(3600 * hours);
+            file.set_modified(written_at).unwrap();
+        }
+        let other = Objects::open_shared(&settings).unwrap();
+        let left: Vec<_> =
+            fs::read_dir(&temporary).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["young-0"]);
+        put(&objects, b"abc");
+        put(&other, b"def");
     }
 }
