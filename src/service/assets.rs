@@ -14,10 +14,13 @@ use super::sensor_group::{check_sensor, ids_beside, ids_of_sensor};
 use super::simulations::Simulations;
 use super::work_queue::Role;
 use crate::asset::{AssetId, AssetSpec};
-use crate::store::{Asset, Store, StoreError};
+use crate::store::{Asset, RecordRange, Store, StoreError};
 
 /// Maximum number of times that a description is checked again because another one changed in the meantime.
 const MAX_TRIES: u32 = 20;
+
+/// Records of each channel removed in one transaction before an asset is deleted.
+const REMOVED_AT_ONCE: u32 = 200;
 
 /// Wait before the first retry; it grows with each retry, so that concurrent changes all get through.
 const WAIT: Duration = Duration::from_millis(5);
@@ -136,14 +139,19 @@ impl Assets {
         Ok(store.update_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Deletes an asset and its rows. Raw recordings that no other asset has are moved into quarantine.
+    /// Deletes an asset and its rows, of many records some at a time. Raw recordings that no other asset has
+    /// are moved into quarantine. After an error, a repeat completes what is left.
     ///
     /// Errors: [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
     pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
         let _turn = self.describing.lock().await;
-        let _exclusive = self.raw.exclusive().await;
+        precondition.check(&self.store.asset(id).await?)?;
+        ids_beside(&self.store, id).await?;
+        let removed = self.remove_records(id).await?;
+        // The deletion has begun: a description that another process changes meanwhile does not end it.
+        let precondition = removed.is_none().then_some(precondition);
         let mut tries = Tries::default();
-        let (beside, orphans) = loop {
+        let (beside, mut orphans) = loop {
             let deleted = self.delete_checked(id, precondition).await;
             match tries.wait_after(&deleted) {
                 Some(wait) => tokio::time::sleep(wait).await,
@@ -158,17 +166,34 @@ impl Assets {
         if let Some(queue) = self.role.queue() {
             queue.notify_changed(id);
         }
+        orphans.extend(removed.into_iter().flatten());
         self.raw.quarantine(orphans).await
+    }
+
+    /// Removes the records of an asset that is going to be deleted, but for the last few, in short
+    /// transactions. Returns the names of the objects that are no longer referenced; `None` if there are only
+    /// a few records.
+    async fn remove_records(&self, id: &AssetId) -> Result<Option<Vec<String>>, ServiceError> {
+        let mut orphans = None;
+        loop {
+            let records = self.store.records_in(id, &RecordRange::default(), REMOVED_AT_ONCE).await?;
+            if records.len() < REMOVED_AT_ONCE as usize {
+                return Ok(orphans);
+            }
+            let removed = self.store.remove_records(id, &records).await?;
+            orphans.get_or_insert_with(Vec::new).extend(removed.orphans);
+        }
     }
 
     /// Returns the other assets of the sensor, and the names of the objects that are no longer referenced.
     async fn delete_checked(
         &self,
         id: &AssetId,
-        precondition: &Precondition,
+        precondition: Option<&Precondition>,
     ) -> Result<(Vec<AssetId>, Vec<String>), ServiceError> {
         let mark = self.store.descriptions_mark().await?;
-        precondition.check(&self.store.asset(id).await?)?;
+        let asset = self.store.asset(id).await?;
+        precondition.map_or(Ok(()), |precondition| precondition.check(&asset))?;
         let beside = ids_beside(&self.store, id).await?;
         Ok((beside, self.store.delete_asset(id, mark).await?))
     }

@@ -1,8 +1,11 @@
 //! Creating, listing, updating and deleting assets.
 
+use flankwatch::asset::AssetId;
+use flankwatch::store::RecordRange;
 use serde_json::json;
 
-use crate::running::{Service, plain_asset, record, samples, wav};
+use crate::durability::raw_objects;
+use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 
 #[test]
 fn an_asset_is_created_read_updated_and_deleted() {
@@ -208,4 +211,26 @@ fn an_update_can_be_conditional_on_the_etag() {
     service.send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"").expect(204);
     // Elsewhere an unknown field is still an error.
     service.post_json("/v1/assets", &description).expect_problem(422, &["created_at"]);
+}
+
+#[test]
+fn an_asset_with_many_records_is_deleted_some_at_a_time() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let records: Vec<_> = (0..450).map(|n| record("1", n)).collect();
+    service.post("/v1/assets/pump/segments", "application/mcap", &mcap(&records)).expect(201);
+    // A deletion that was interrupted leaves an asset with fewer records.
+    let pump = AssetId::new("pump").unwrap();
+    service.run(async {
+        let store = service.service().store.clone();
+        let some = store.records_in(&pump, &RecordRange::default(), 30).await.unwrap();
+        store.remove_records(&pump, &some).await.unwrap();
+    });
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 420);
+    service.delete("/v1/assets/pump").expect(204);
+    service.get("/v1/assets/pump").expect(404);
+    assert_eq!(service.run(service.service().store.segment_count()).unwrap(), 0);
+    if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
+        assert!(raw_objects(service.folder()).is_empty());
+    }
 }
