@@ -24,6 +24,7 @@
 //! 3. the committer's turn: one transaction of segments, operator action or maintenance event at a time
 //! 4. a channel's slot; several slots in the order of asset and channel
 //! 5. the transaction: rows of assets by name, then of channels by asset and name, then dependent rows
+//! 6. `RawObjects::noting`: one note of an asset at a time
 //!
 //! Locks of the standard library are held for a few statements and never across an `await`.
 

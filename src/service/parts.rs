@@ -295,7 +295,7 @@ impl Service {
         Ok(())
     }
 
-    /// Moves unreferenced raw objects into quarantine, and removes objects whose time there is over.
+    /// Moves unreferenced raw objects into quarantine, and removes objects whose quarantine has expired.
     pub async fn sweep(&self) -> Result<(), ServiceError> {
         self.raw.sweep().await
     }

@@ -154,7 +154,6 @@ impl Service {
         }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
-            let _exclusive = self.raw.exclusive().await;
             self.raw.quarantine(orphans).await?;
         }
         Ok(rebuilt)

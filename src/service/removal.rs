@@ -41,13 +41,16 @@ impl Removals {
         let group = SensorGroup::of(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
         let mut count = 0;
+        let mut orphans = Vec::new();
         let mut removed = Ok(());
         for range in ranges {
-            removed = self.remove_range(asset, &assets, range, &mut count).await;
+            removed = self.remove_range(asset, &assets, range, &mut count, &mut orphans).await;
             if removed.is_err() {
                 break;
             }
         }
+        let quarantined = self.raw.quarantine(orphans).await;
+        let removed = removed.and(quarantined);
         if count > 0 {
             tracing::info!(%asset, count, "removed records");
         }
@@ -62,18 +65,20 @@ impl Removals {
         removed.map(|()| count)
     }
 
-    /// Removes the records of a range, and adds the number removed from the asset to `count`.
+    /// Removes the records of a range. Adds the number removed from the asset to `count`, and the names of
+    /// objects that are no longer referenced to `orphans`.
     async fn remove_range(
         &self,
         asset: &AssetId,
         assets: &[AssetId],
         range: &RecordRange,
         count: &mut u64,
+        orphans: &mut Vec<String>,
     ) -> Result<(), ServiceError> {
         loop {
             let _exclusive = self.raw.exclusive().await;
             let _pause = self.committer.pause().await;
-            match self.remove_some(asset, assets, range, count).await {
+            match self.remove_some(asset, assets, range, count, orphans).await {
                 Ok(true) => {}
                 Ok(false) => return Ok(()),
                 Err(error) => {
@@ -93,6 +98,7 @@ impl Removals {
         assets: &[AssetId],
         range: &RecordRange,
         count: &mut u64,
+        orphans: &mut Vec<String>,
     ) -> Result<bool, ServiceError> {
         let mut segments = Vec::new();
         for of in assets {
@@ -105,7 +111,6 @@ impl Removals {
         // find them any more.
         let note = RemovalNote { removed_at: self.clock.now(), segments: segments.clone() };
         self.raw.note_removal(note).await?;
-        let mut orphans = Vec::new();
         // The owner of the sensor comes last: once its records are gone, those of the others would not be
         // looked for again.
         for of in assets.iter().rev() {
@@ -115,7 +120,6 @@ impl Removals {
             }
             orphans.extend(removed.orphans);
         }
-        self.raw.quarantine(orphans).await?;
         Ok(true)
     }
 }

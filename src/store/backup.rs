@@ -151,7 +151,7 @@ fn copy_objects(from: &Objects, to: &Objects, names: &[String]) -> Result<Copied
     Ok(copied)
 }
 
-/// Moves all objects but those of these names into quarantine, and removes those whose time there is over;
+/// Moves all objects but those of these names into quarantine, and removes those whose quarantine has expired;
 /// returns the number moved.
 fn quarantine_all_but(names: &[String], raw: &Objects, quarantined_for: Duration) -> Result<u64, StoreError> {
     let (names, now): (HashSet<&String>, _) = (names.iter().collect(), Timestamp::now());
@@ -163,7 +163,9 @@ fn quarantine_all_but(names: &[String], raw: &Objects, quarantined_for: Duration
         }
     }
     raw.remove_quarantined(quarantined_for, now)?;
-    raw.shards()?.into_iter().try_for_each(|shard| raw.remove_empty_notes(shard, |_| true))?;
+    for shard in raw.shards()? {
+        raw.remove_empty_notes(&raw.empty_notes(shard, |_| true)?, |_| true)?;
+    }
     Ok(moved)
 }
 

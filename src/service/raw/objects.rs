@@ -12,13 +12,16 @@ use std::time::Duration;
 use bytes::Bytes;
 use jiff::{SignedDuration, Timestamp};
 use tokio::runtime::Handle;
-use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard, RwLock};
+use tokio::sync::{Mutex, OnceCell, OwnedRwLockReadGuard, OwnedRwLockWriteGuard, RwLock};
 
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::work_queue::Role;
 use crate::service::workers::{Workers, blocking};
-use crate::store::{AssetNote, RecordNote, RemovalNote, Store, StoreError};
+use crate::store::{AssetNote, Objects, RecordNote, RemovalNote, Store, StoreError};
+
+/// Objects removed under one lock; commits run in between.
+const DISPOSED_AT_ONCE: usize = 32;
 
 /// The raw objects of a store.
 pub(crate) struct RawObjects {
@@ -30,7 +33,12 @@ pub(crate) struct RawObjects {
     /// Read-locked from before raw bytes are stored until their rows are committed; write-locked while
     /// unreferenced objects are removed.
     uncommitted: Arc<RwLock<()>>,
+    /// Held while the note of an asset is written: a slower one would overwrite the note of a later change.
+    noting: Mutex<()>,
 }
+
+/// The objects that records in the queue or among the dead letters reference, read when first needed.
+pub(super) type WaitingObjects = OnceCell<HashSet<String>>;
 
 /// Raw objects whose rows are not committed yet. If they are never committed, the unreferenced ones are
 /// removed when this is dropped, because they count towards no quota.
@@ -42,7 +50,7 @@ pub(crate) struct UncommittedObjects {
 
 impl RawObjects {
     pub(crate) fn new(store: Store, workers: Arc<Workers>, role: Role, quarantined_for: Duration) -> Self {
-        Self { store, workers, role, quarantined_for, uncommitted: Arc::default() }
+        Self { store, workers, role, quarantined_for, uncommitted: Arc::default(), noting: Mutex::default() }
     }
 
     /// Stores raw bytes under their names, with the notes needed to decode `records` from them; durable once
@@ -91,17 +99,35 @@ impl RawObjects {
     /// An existing note is kept while removals are suspended, that is, if the objects may not belong to the
     /// database.
     pub(crate) async fn note_asset(&self, id: &AssetId) -> Result<(), ServiceError> {
-        let note = match self.store.asset(id).await {
-            Ok(asset) => Some(AssetNote {
+        let _turn = self.noting.lock().await;
+        let mut note = self.note_of(id).await?;
+        loop {
+            self.write_note(id, note.clone()).await?;
+            // Another process may have changed the asset and written its note a moment before this one.
+            let now = if self.store.is_shared() { self.note_of(id).await? } else { return Ok(()) };
+            if now == note {
+                return Ok(());
+            }
+            note = now;
+        }
+    }
+
+    /// The note of an asset; `None` if it is deleted.
+    async fn note_of(&self, id: &AssetId) -> Result<Option<AssetNote>, ServiceError> {
+        match self.store.asset(id).await {
+            Ok(asset) => Ok(Some(AssetNote {
                 spec: asset.spec,
                 created_at: asset.created_at,
                 updated_at: asset.updated_at,
                 maintenance: self.store.maintenance(id).await?,
                 excluded: self.store.excluded(id).await?,
-            }),
-            Err(StoreError::AssetUnknown(_)) => None,
-            Err(error) => return Err(error.into()),
-        };
+            })),
+            Err(StoreError::AssetUnknown(_)) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    async fn write_note(&self, id: &AssetId, note: Option<AssetNote>) -> Result<(), ServiceError> {
         let (store, id) = (self.store.clone(), id.clone());
         let write = move || {
             let objects = store.objects();
@@ -199,16 +225,15 @@ impl RawObjects {
             tracing::info!(objects, bytes, "moved unreferenced raw objects into quarantine");
         }
         let (store, kept_for) = (self.store.clone(), self.quarantined_for);
-        let remove = move || {
-            let objects = store.objects();
+        let remove = move || -> Result<_, StoreError> {
             let age = Age::now(&store)?;
-            let removed = objects.remove_quarantined(kept_for, age.now)?;
-            objects.shards()?.into_iter().try_for_each(|shard| {
-                objects.remove_empty_notes(shard, |written_at| age.is_old_enough(written_at))
-            })?;
-            Ok::<_, StoreError>(removed)
+            let removed = store.objects().remove_quarantined(kept_for, age.now)?;
+            Ok((removed, store.objects().shards()?, age))
         };
-        let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
+        let ((objects, bytes), shards, age) = self.workers.run("empty the quarantine", remove).await??;
+        for shard in shards {
+            self.remove_empty_notes(shard, Some(age)).await?;
+        }
         if objects > 0 {
             tracing::info!(objects, bytes, "removed raw objects whose quarantine has expired");
         }
@@ -217,7 +242,7 @@ impl RawObjects {
 
     async fn quarantine_orphans(&self) -> Result<(u64, u64), ServiceError> {
         let (mut count, mut bytes) = (0, 0);
-        let mut waiting: Option<HashSet<String>> = None;
+        let waiting = WaitingObjects::new();
         let store = self.store.clone();
         let shards = self.workers.run("list raw objects", move || store.objects().shards()).await??;
         for shard in shards {
@@ -233,23 +258,10 @@ impl RawObjects {
             let listed = self.workers.run("list raw objects", list).await??;
             let names = listed.iter().map(|object| object.name.clone()).collect();
             let suspects = self.store.orphans_among(names).await?;
-            if suspects.is_empty() {
-                continue;
-            }
-            if waiting.is_none() {
-                waiting = Some(self.waiting().await?);
-            }
-            // Objects being stored at the moment look the same: checked again under the lock.
-            let _exclusive = self.exclusive().await;
-            let mut orphans = self.store.orphans_among(suspects).await?;
-            orphans.retain(|name| waiting.as_ref().is_none_or(|waiting| !waiting.contains(name)));
-            count += orphans.len() as u64;
-            bytes += listed
-                .iter()
-                .filter(|object| orphans.contains(&object.name))
-                .map(|object| object.bytes)
-                .sum::<u64>();
-            self.quarantine_unneeded(orphans).await?;
+            let moved = self.quarantine_known(suspects, &waiting).await?;
+            count += moved.len() as u64;
+            let moved = listed.iter().filter(|object| moved.contains(&object.name));
+            bytes += moved.map(|object| object.bytes).sum::<u64>();
         }
         Ok((count, bytes))
     }
@@ -262,87 +274,107 @@ impl RawObjects {
         }
     }
 
-    /// Moves unreferenced objects into quarantine. The caller holds the [`exclusive`](Self::exclusive) lock.
+    /// Moves those of these objects into quarantine that are unreferenced.
     pub(crate) async fn quarantine(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.excluding_waiting(names).await?;
-        self.quarantine_unneeded(unneeded).await
+        self.quarantine_known(names, &WaitingObjects::new()).await.map(drop)
     }
 
-    /// Removes unreferenced objects. The caller holds the [`exclusive`](Self::exclusive) lock.
-    pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.excluding_waiting(names).await?;
-        self.dispose_of(unneeded, |store, name| store.objects().remove(name)).await
-    }
-
-    /// Returns the objects that no waiting record needs.
-    async fn excluding_waiting(&self, mut names: Vec<String>) -> Result<Vec<String>, ServiceError> {
-        if !names.is_empty() {
-            let waiting = self.waiting().await?;
-            names.retain(|name| !waiting.contains(name));
-        }
-        Ok(names)
-    }
-
-    /// Moves objects into quarantine that neither a row nor a waiting record references.
-    async fn quarantine_unneeded(&self, names: Vec<String>) -> Result<(), ServiceError> {
+    async fn quarantine_known(
+        &self,
+        names: Vec<String>,
+        waiting: &WaitingObjects,
+    ) -> Result<Vec<String>, ServiceError> {
         if names.is_empty() {
-            return Ok(());
+            return Ok(names);
         }
         let store = self.store.clone();
         let now = blocking("read the clock of the object store", move || store.objects().time()).await??;
-        self.dispose_of(names, move |store, name| store.objects().quarantine(name, now)).await
+        self.dispose_of(names, waiting, move |objects, name| objects.quarantine(name, now)).await
     }
 
-    /// Calls `away` for each object; on a shared store only for objects that no process can have stored
-    /// recently.
+    /// Removes those of these objects that are unreferenced, and returns them.
+    pub(super) async fn remove(
+        &self,
+        names: Vec<String>,
+        waiting: &WaitingObjects,
+    ) -> Result<Vec<String>, ServiceError> {
+        if names.is_empty() {
+            return Ok(names);
+        }
+        self.dispose_of(names, waiting, Objects::remove).await
+    }
+
+    /// Calls `away` for each of these objects that neither a row nor a waiting record references, and returns
+    /// them; on a shared store only for objects that no process can have stored recently.
     async fn dispose_of(
         &self,
         names: Vec<String>,
-        away: impl Fn(&Store, &str) -> Result<(), StoreError> + Send + 'static,
-    ) -> Result<(), ServiceError> {
-        if names.is_empty() || self.store.removal_hold().is_some() {
-            return Ok(());
-        }
+        waiting: &WaitingObjects,
+        away: impl Fn(&Objects, &str) -> Result<(), StoreError> + Clone + Send + 'static,
+    ) -> Result<Vec<String>, ServiceError> {
+        // Commits wait for the lock, and the scan of the queue takes long: it is made before, and only if
+        // there are objects of that age. Those of records that are enqueued later are younger.
         let store = self.store.clone();
-        let dispose_of = move || {
+        let select = move || {
             // Reading the time writes a file, and the disk may be full: only if it is needed.
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
-            for name in &names {
-                // Checked at the last moment: storing an object again resets its age.
-                let is_old_enough = |age: &Age| {
-                    Ok::<_, StoreError>(
-                        store.objects().written_at(name)?.is_some_and(|time| age.is_old_enough(time)),
-                    )
-                };
-                if age.as_ref().map_or(Ok(true), is_old_enough)? {
-                    away(&store, name)?;
-                }
-            }
-            Ok::<_, StoreError>(())
+            Ok::<_, StoreError>((old_enough(&store, names, age)?, age))
         };
-        Ok(self.workers.run("remove raw recordings", dispose_of).await??)
+        let (mut names, age) = self.workers.run("read the ages of raw recordings", select).await??;
+        if names.is_empty() {
+            return Ok(names);
+        }
+        let waiting = waiting.get_or_try_init(|| self.waiting()).await?;
+        names.retain(|name| !waiting.contains(name));
+        let mut disposed = Vec::new();
+        for chunk in names.chunks(DISPOSED_AT_ONCE) {
+            // Objects being stored at the moment look unreferenced too.
+            let _exclusive = self.exclusive().await;
+            let orphans = self.store.orphans_among(chunk.to_vec()).await?;
+            let (store, away) = (self.store.clone(), away.clone());
+            let dispose_of = move || {
+                // Storing an object again resets its age.
+                let orphans = old_enough(&store, orphans, age)?;
+                orphans.iter().try_for_each(|name| away(store.objects(), name))?;
+                Ok::<_, StoreError>(orphans)
+            };
+            disposed.extend(self.workers.run("remove raw recordings", dispose_of).await??);
+        }
+        Ok(disposed)
     }
 
     /// Removes the unreferenced ones of these objects; returns their number.
     async fn remove_uncommitted(&self, names: Vec<String>) -> Result<usize, ServiceError> {
-        let _exclusive = self.exclusive().await;
-        let orphans = self.store.orphans_among(names).await?;
-        let count = orphans.len();
+        let removed = self.remove(names, &WaitingObjects::new()).await?;
         let shards: BTreeSet<u8> =
-            orphans.iter().filter_map(|name| u8::from_str_radix(name.get(..2)?, 16).ok()).collect();
-        self.remove(orphans).await?;
+            removed.iter().filter_map(|name| u8::from_str_radix(name.get(..2)?, 16).ok()).collect();
+        for shard in shards {
+            self.remove_empty_notes(shard, None).await?;
+        }
+        Ok(removed.len())
+    }
+
+    /// Removes the notes in a shard none of whose objects exists; with `age` only those that are old enough.
+    async fn remove_empty_notes(&self, shard: u8, age: Option<Age>) -> Result<(), ServiceError> {
+        let is_old_enough = move |written_at| age.is_none_or(|age| age.is_old_enough(written_at));
         let store = self.store.clone();
-        let remove_notes = move || {
-            shards.into_iter().try_for_each(|shard| store.objects().remove_empty_notes(shard, |_| true))
-        };
-        self.workers.run("remove notes", remove_notes).await??;
-        Ok(count)
+        let list = move || store.objects().empty_notes(shard, is_old_enough);
+        let empty = self.workers.run("list notes", list).await??;
+        if empty.is_empty() {
+            return Ok(());
+        }
+        // The same record may be about to be stored again.
+        let _exclusive = self.exclusive().await;
+        let store = self.store.clone();
+        let remove = move || store.objects().remove_empty_notes(&empty, is_old_enough);
+        Ok(self.workers.run("remove notes", remove).await??)
     }
 }
 
 /// The age from which on an unreferenced object may be removed. Objects of accepted records that wait for
 /// their results are younger. Ages are by the clock of the object store, because the clock of a process may
 /// be wrong.
+#[derive(Debug, Clone, Copy)]
 struct Age {
     now: Timestamp,
     /// `None` if this process is alone on the store and knows which objects are unreferenced.
@@ -357,6 +389,21 @@ impl Age {
     fn is_old_enough(&self, written_at: Timestamp) -> bool {
         self.most.is_none_or(|most| self.now.duration_since(written_at) >= most)
     }
+}
+
+/// Those of these objects that may be removed if they are unreferenced; with `age` only old ones.
+fn old_enough(store: &Store, names: Vec<String>, age: Option<Age>) -> Result<Vec<String>, StoreError> {
+    if store.removal_hold().is_some() {
+        return Ok(Vec::new());
+    }
+    let Some(age) = age else { return Ok(names) };
+    let mut old = Vec::new();
+    for name in names {
+        if store.objects().written_at(&name)?.is_some_and(|written_at| age.is_old_enough(written_at)) {
+            old.push(name);
+        }
+    }
+    Ok(old)
 }
 
 impl UncommittedObjects {
@@ -389,3 +436,6 @@ impl Drop for UncommittedObjects {
         });
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use super::objects::RawObjects;
+use super::objects::{RawObjects, WaitingObjects};
 use crate::asset::AssetId;
 use crate::service::error::ServiceError;
 use crate::service::limits::RawQuotas;
@@ -48,30 +48,35 @@ impl Retention {
         if self.store.check_marks().await?.is_some() {
             return Ok(());
         }
+        let waiting = WaitingObjects::new();
         if let Some(quota) = self.quotas.bytes_per_asset {
             for (asset, bytes) in self.store.raw_volumes().await? {
                 let Ok(asset) = AssetId::new(asset) else { continue };
                 if bytes > quota {
-                    self.give_up(Some(&asset), quota).await?;
+                    self.give_up(Some(&asset), quota, &waiting).await?;
                 }
             }
         }
         if let Some(quota) = self.quotas.bytes {
             let bytes: u64 = self.store.raw_volumes().await?.values().sum();
             if bytes > quota {
-                self.give_up(None, quota).await?;
+                self.give_up(None, quota, &waiting).await?;
             }
         }
         Ok(())
     }
 
-    async fn give_up(&self, asset: Option<&AssetId>, quota: u64) -> Result<(), ServiceError> {
+    async fn give_up(
+        &self,
+        asset: Option<&AssetId>,
+        quota: u64,
+        waiting: &WaitingObjects,
+    ) -> Result<(), ServiceError> {
         loop {
-            let _exclusive = self.objects.exclusive().await;
             let given_up = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
             let GivenUp { objects, bytes, is_within, orphans } = given_up;
             if objects > 0 {
-                self.objects.remove(orphans).await?;
+                self.objects.remove(orphans, waiting).await?;
                 let of = asset.map_or("all", AssetId::as_str);
                 tracing::info!(
                     of,

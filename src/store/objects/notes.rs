@@ -71,6 +71,14 @@ pub struct RemovalNote {
     pub segments: Vec<SegmentId>,
 }
 
+/// A note whose objects are all gone or in quarantine.
+#[derive(Debug)]
+pub struct EmptyNote {
+    path: String,
+    /// Names of its objects.
+    names: Vec<String>,
+}
+
 impl Objects {
     /// The path and content of the note of records that are stored together; `None` without records.
     pub(super) fn note_of(&self, records: &[RecordNote]) -> Result<Option<(String, Bytes)>, StoreError> {
@@ -93,13 +101,13 @@ impl Objects {
         Ok(records)
     }
 
-    /// Removes notes that are old enough, and none of whose objects exists, in quarantine or out of it.
-    pub fn remove_empty_notes(
+    /// Lists the notes that are old enough, and none of whose objects exists outside the quarantine.
+    pub fn empty_notes(
         &self,
         shard: u8,
         is_old_enough: impl Fn(Timestamp) -> bool,
-    ) -> Result<(), StoreError> {
-        let mut empty: Vec<(String, Vec<String>)> = Vec::new();
+    ) -> Result<Vec<EmptyNote>, StoreError> {
+        let mut empty = Vec::new();
         for (first, path) in self.note_paths(shard)? {
             if self.written_at(&first)?.is_some() {
                 continue;
@@ -108,9 +116,19 @@ impl Objects {
             let mut names: Vec<String> = records.into_iter().map(|record| record.raw.sha256).collect();
             names.push(first);
             if !self.has_any(&names)? && self.file_written_at(&path)?.is_some_and(&is_old_enough) {
-                empty.push((path, names));
+                empty.push(EmptyNote { path, names });
             }
         }
+        Ok(empty)
+    }
+
+    /// Removes those of these notes that are old enough, and none of whose objects exists, in quarantine or
+    /// out of it. No objects with notes may be stored meanwhile.
+    pub fn remove_empty_notes(
+        &self,
+        empty: &[EmptyNote],
+        is_old_enough: impl Fn(Timestamp) -> bool,
+    ) -> Result<(), StoreError> {
         if empty.is_empty() {
             return Ok(());
         }
@@ -118,9 +136,12 @@ impl Objects {
         // restored is at its place again.
         let kept: HashSet<String> =
             self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
-        for (path, names) in empty {
-            if !names.iter().any(|name| kept.contains(name)) && !self.has_any(&names)? {
-                self.backend.remove_file(&path)?;
+        for EmptyNote { path, names } in empty {
+            if !names.iter().any(|name| kept.contains(name))
+                && !self.has_any(names)?
+                && self.file_written_at(path)?.is_some_and(&is_old_enough)
+            {
+                self.backend.remove_file(path)?;
             }
         }
         Ok(())
@@ -313,6 +334,10 @@ mod tests {
         for name in &names {
             objects.put_all(&[(name.clone(), Bytes::from_static(b"abc"))], &[note_of(name)]).unwrap();
         }
+        let remove_empty_notes = |are_old: bool| {
+            let empty = objects.empty_notes(0, |_| are_old).unwrap();
+            objects.remove_empty_notes(&empty, |_| are_old).unwrap();
+        };
         std::thread::scope(|scope| {
             let moving = scope.spawn(|| {
                 for name in &names {
@@ -320,14 +345,14 @@ mod tests {
                 }
             });
             while !moving.is_finished() {
-                objects.remove_empty_notes(0, |_| true).unwrap();
+                remove_empty_notes(true);
             }
         });
         assert_eq!(objects.notes(0).unwrap().len(), names.len());
         objects.remove_quarantined(std::time::Duration::ZERO, Timestamp::now()).unwrap();
-        objects.remove_empty_notes(0, |_| false).unwrap();
+        remove_empty_notes(false);
         assert_eq!(objects.notes(0).unwrap().len(), names.len(), "young notes stay");
-        objects.remove_empty_notes(0, |_| true).unwrap();
+        remove_empty_notes(true);
         assert_eq!(objects.notes(0).unwrap(), []);
     }
 }
