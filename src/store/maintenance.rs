@@ -76,10 +76,7 @@ impl Store {
 
 impl Commit {
     /// All events of an asset in the order of time.
-    pub(super) async fn maintenance(
-        &mut self,
-        asset: &AssetId,
-    ) -> Result<Vec<MaintenanceEvent>, StoreError> {
+    pub(super) async fn maintenance(&mut self, asset: &AssetId) -> Result<Vec<MaintenanceEvent>, StoreError> {
         events_of(asset, &mut *self.transaction).await
     }
 

@@ -412,7 +412,8 @@ mod tests {
         let generations = async |table: &str| {
             let text = format!("SELECT segment_id, generation FROM {table} ORDER BY segment_id, generation");
             let rows = sqlx::query(&text).fetch_all(store.write().unwrap()).await.unwrap();
-            let row = |row| (get::<String>(row, "segment_id").unwrap(), get::<i64>(row, "generation").unwrap());
+            let row =
+                |row| (get::<String>(row, "segment_id").unwrap(), get::<i64>(row, "generation").unwrap());
             rows.iter().map(row).map(|(id, generation)| format!("{id}:{generation}")).collect::<Vec<_>>()
         };
         let now = Timestamp::UNIX_EPOCH;
