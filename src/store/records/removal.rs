@@ -212,20 +212,23 @@ impl Commit {
             let used: HashSet<String> = used.collect::<Result<_, StoreError>>()?;
             gone.extend(chunk.iter().filter(|name| !used.contains(*name)).cloned());
         }
-        for name in &gone {
-            let row =
-                sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2 RETURNING bytes")
-                    .bind(name.as_str())
-                    .bind(asset.as_str())
-                    .fetch_optional(&mut *self.transaction)
-                    .await?;
-            let Some(row) = row else { continue };
-            sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
-                .bind(asset.as_str())
-                .bind(get::<i64>(&row, "bytes")?)
-                .execute(&mut *self.transaction)
-                .await?;
+        let mut bytes = 0;
+        for chunk in gone.chunks(500) {
+            let text = format!(
+                "DELETE FROM raw_objects WHERE asset_id = $1 AND sha256 IN ({}) RETURNING bytes",
+                placeholders(2, chunk.len())
+            );
+            let query = sqlx::query(&text).bind(asset.as_str());
+            let query = chunk.iter().fold(query, |query, name| query.bind(name.as_str()));
+            for row in query.fetch_all(&mut *self.transaction).await? {
+                bytes += get::<i64>(&row, "bytes")?;
+            }
         }
+        sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
+            .bind(asset.as_str())
+            .bind(bytes)
+            .execute(&mut *self.transaction)
+            .await?;
         let kept = kept_among(&mut self.transaction, &gone).await?;
         gone.retain(|name| !kept.contains(name));
         Ok(gone)
