@@ -19,20 +19,20 @@ const LONG: Duration = Duration::from_secs(20);
 /// A disk whose first operation on a path with this text waits for a message.
 #[derive(Debug)]
 struct WaitingDisk {
-    text: &'static str,
+    text: String,
     is_waiting: Arc<AtomicBool>,
     release: std::sync::Mutex<mpsc::Receiver<()>>,
 }
 
 impl WaitingDisk {
-    fn new(text: &'static str) -> (Arc<Self>, mpsc::Sender<()>) {
+    fn new(text: &str) -> (Arc<Self>, mpsc::Sender<()>) {
         let (sender, receiver) = mpsc::channel();
         let release = std::sync::Mutex::new(receiver);
-        (Arc::new(Self { text, is_waiting: Arc::default(), release }), sender)
+        (Arc::new(Self { text: text.to_owned(), is_waiting: Arc::default(), release }), sender)
     }
 
     fn pass(&self, path: &Path) {
-        if path.to_string_lossy().contains(self.text) && !self.is_waiting.swap(true, Ordering::SeqCst) {
+        if path.to_string_lossy().contains(&self.text) && !self.is_waiting.swap(true, Ordering::SeqCst) {
             self.release.lock().unwrap().recv().unwrap();
         }
     }
@@ -144,8 +144,8 @@ async fn records_are_stored_while_the_queue_is_scanned() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_record_that_is_stored_again_keeps_its_note() {
     let folder = tempfile::tempdir().unwrap();
-    let (disk, release) = WaitingDisk::new(".json");
     let (name, bytes) = object(b"abc");
+    let (disk, release) = WaitingDisk::new(&name);
     let raw = raw_objects(folder.path(), Arc::new(SystemDisk), Role::Standalone).await;
     raw.put(vec![(name.clone(), bytes.clone())], vec![record_note(&name)]).await.unwrap();
     raw.store.objects().remove(&name).unwrap();
