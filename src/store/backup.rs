@@ -164,7 +164,7 @@ fn quarantine_all_but(names: &[String], raw: &Objects, quarantined_for: Duration
     }
     raw.remove_quarantined(quarantined_for, now)?;
     for shard in raw.shards()? {
-        raw.remove_empty_notes(&raw.empty_notes(shard, |_| true)?, |_| true)?;
+        raw.remove_empty_notes(raw.empty_notes(shard, |_| true)?, |_| true)?;
     }
     Ok(moved)
 }

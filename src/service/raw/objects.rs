@@ -366,7 +366,7 @@ impl RawObjects {
         // The same record may be about to be stored again.
         let _exclusive = self.exclusive().await;
         let store = self.store.clone();
-        let remove = move || store.objects().remove_empty_notes(&empty, is_old_enough);
+        let remove = move || store.objects().remove_empty_notes(empty, is_old_enough);
         Ok(self.workers.run("remove notes", remove).await??)
     }
 }

@@ -71,7 +71,7 @@ pub struct RemovalNote {
     pub segments: Vec<SegmentId>,
 }
 
-/// A note whose objects are all gone or in quarantine.
+/// A note whose objects are all gone.
 #[derive(Debug)]
 pub struct EmptyNote {
     path: String,
@@ -101,13 +101,13 @@ impl Objects {
         Ok(records)
     }
 
-    /// Lists the notes that are old enough, and none of whose objects exists outside the quarantine.
+    /// Lists the notes that are old enough, and none of whose objects exists, in quarantine or out of it.
     pub fn empty_notes(
         &self,
         shard: u8,
         is_old_enough: impl Fn(Timestamp) -> bool,
     ) -> Result<Vec<EmptyNote>, StoreError> {
-        let mut empty = Vec::new();
+        let mut notes = Vec::new();
         for (first, path) in self.note_paths(shard)? {
             if self.written_at(&first)?.is_some() {
                 continue;
@@ -115,36 +115,46 @@ impl Objects {
             let records = self.read::<Vec<RecordNote>>(&path)?.unwrap_or_default();
             let mut names: Vec<String> = records.into_iter().map(|record| record.raw.sha256).collect();
             names.push(first);
-            if !self.has_any(&names)? && self.file_written_at(&path)?.is_some_and(&is_old_enough) {
-                empty.push(EmptyNote { path, names });
+            if !self.has_any(&names)? {
+                notes.push(EmptyNote { path, names });
+            }
+        }
+        self.empty_among(notes, is_old_enough)
+    }
+
+    /// Removes those of these notes that are still empty and old enough. No objects with notes may be stored
+    /// meanwhile.
+    pub fn remove_empty_notes(
+        &self,
+        notes: Vec<EmptyNote>,
+        is_old_enough: impl Fn(Timestamp) -> bool,
+    ) -> Result<(), StoreError> {
+        let empty = self.empty_among(notes, is_old_enough)?;
+        empty.iter().try_for_each(|note| self.backend.remove_file(&note.path))
+    }
+
+    fn empty_among(
+        &self,
+        notes: Vec<EmptyNote>,
+        is_old_enough: impl Fn(Timestamp) -> bool,
+    ) -> Result<Vec<EmptyNote>, StoreError> {
+        if notes.is_empty() {
+            return Ok(notes);
+        }
+        // Listed before the objects are looked for again: one that was moved into quarantine a moment ago is
+        // in the list, and one that was restored is at its place again.
+        let kept: HashSet<String> =
+            self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
+        let mut empty = Vec::new();
+        for note in notes {
+            if !note.names.iter().any(|name| kept.contains(name))
+                && !self.has_any(&note.names)?
+                && self.file_written_at(&note.path)?.is_some_and(&is_old_enough)
+            {
+                empty.push(note);
             }
         }
         Ok(empty)
-    }
-
-    /// Removes those of these notes that are old enough, and none of whose objects exists, in quarantine or
-    /// out of it. No objects with notes may be stored meanwhile.
-    pub fn remove_empty_notes(
-        &self,
-        empty: &[EmptyNote],
-        is_old_enough: impl Fn(Timestamp) -> bool,
-    ) -> Result<(), StoreError> {
-        if empty.is_empty() {
-            return Ok(());
-        }
-        // Listed last: an object that was moved into quarantine a moment ago is in the list, and one that was
-        // restored is at its place again.
-        let kept: HashSet<String> =
-            self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
-        for EmptyNote { path, names } in empty {
-            if !names.iter().any(|name| kept.contains(name))
-                && !self.has_any(names)?
-                && self.file_written_at(path)?.is_some_and(&is_old_enough)
-            {
-                self.backend.remove_file(path)?;
-            }
-        }
-        Ok(())
     }
 
     /// Whether one of these objects exists.
@@ -336,7 +346,7 @@ mod tests {
         }
         let remove_empty_notes = |are_old: bool| {
             let empty = objects.empty_notes(0, |_| are_old).unwrap();
-            objects.remove_empty_notes(&empty, |_| are_old).unwrap();
+            objects.remove_empty_notes(empty, |_| are_old).unwrap();
         };
         std::thread::scope(|scope| {
             let moving = scope.spawn(|| {
