@@ -22,8 +22,6 @@ mod error;
 #[cfg(feature = "nats")]
 mod events;
 #[cfg(feature = "nats")]
-mod failure_cause;
-#[cfg(feature = "nats")]
 mod intake;
 #[cfg(feature = "nats")]
 mod member;

@@ -12,12 +12,11 @@ use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use super::attempts::Attempts;
 use super::connection::Connection;
 use super::dead_letters;
-use super::failure_cause::FailureCause;
 use super::intake::Intake;
 use super::ownership::Ownership;
 use super::{ClusterError, WorkerLimits, message, overview};
 use crate::asset::AssetId;
-use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
+use crate::service::{Accepted, FailureCause, QueuedRecord, Service, ServiceError, WorkerOverview};
 
 /// First and longest wait between two attempts to store a record.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -237,7 +236,7 @@ impl Worker {
                 Err(error) => error,
             };
             let reason = format!("segment {} of {}: {error}", record.id, record.asset_id);
-            match FailureCause::from(&error) {
+            match error.cause() {
                 FailureCause::Record => return Outcome::DeadLetter(reason),
                 FailureCause::Uncertain => {
                     uncertain += 1;

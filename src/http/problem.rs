@@ -193,10 +193,12 @@ impl Problem {
         problem
     }
 
-    /// An internal error: details go to the log, not to the client.
+    /// An internal error: details, such as paths and SQL, go to the log under a reference, not to the client.
     fn internal(error: &dyn std::error::Error) -> Self {
-        tracing::error!(error = %error, "request failed");
-        Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
+        let reference = format!("{:08x}", getrandom::u32().unwrap_or_default());
+        tracing::error!(reference, error = %error, "request failed");
+        let detail = format!("internal error; the log has the cause under reference {reference}");
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, detail)
     }
 }
 
@@ -253,6 +255,11 @@ impl From<StoreError> for Problem {
                 return Self::busy(error.to_string(), 5);
             }
             error if error.is_conflict() => return Self::busy(error.to_string(), 1),
+            // These texts name an object or a row, and neither a path nor SQL.
+            error if error.is_object_error() || matches!(error, StoreError::Damaged { .. }) => {
+                tracing::error!(%error, "request failed");
+                StatusCode::INTERNAL_SERVER_ERROR
+            }
             error @ StoreError::File { .. } => return Self::of_disk(error),
             error => return Self::internal(error),
         };
@@ -289,9 +296,9 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
             ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::StreamFormat { .. } | ServiceError::StreamTaken => {
-                Self::new(StatusCode::CONFLICT, error.to_string())
-            }
+            ServiceError::StreamFormat { .. }
+            | ServiceError::StreamHeld { .. }
+            | ServiceError::StreamTaken => Self::new(StatusCode::CONFLICT, error.to_string()),
             ServiceError::StreamUnknown { .. }
             | ServiceError::AlarmUnknown(_)
             | ServiceError::MaintenanceUnknown(_)
@@ -348,6 +355,25 @@ impl From<AssetError> for Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_internal_error_shows_no_path_and_no_sql() {
+        let file = |kind: std::io::ErrorKind| StoreError::File {
+            action: "read",
+            path: "/var/lib/flankwatch/raw/ab/ab".into(),
+            source: kind.into(),
+        };
+        let disk = Problem::from(file(std::io::ErrorKind::Other));
+        let column = StoreError::Database(sqlx::Error::ColumnIndexOutOfBounds { index: 1, len: 1 });
+        let sql = Problem::from(column);
+        for problem in [&disk, &sql] {
+            assert_eq!(problem.0.status, StatusCode::INTERNAL_SERVER_ERROR);
+            assert!(problem.detail().starts_with("internal error; "), "{}", problem.detail());
+        }
+        assert!(disk.may_pass() && !sql.may_pass());
+        let missing = Problem::from(StoreError::ObjectMissing("ab".to_owned()));
+        assert_eq!(missing.detail(), "raw object ab is missing");
+    }
 
     #[test]
     fn long_numbers_are_shortened() {

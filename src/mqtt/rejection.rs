@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::service::ServiceError;
+use crate::service::{FailureCause, ServiceError};
 use crate::store::StoreError;
 
 /// Media type of a rejection.
@@ -98,54 +98,26 @@ pub(super) enum FailureAction {
     Retry(String),
 }
 
-impl FailureAction {
-    fn of_store(error: &StoreError) -> Self {
-        match error {
-            StoreError::AssetUnknown(_) => Self::Reject(Rejection::new(404, error.to_string())),
-            StoreError::Time(_) => Self::Reject(Rejection::new(422, error.to_string())),
-            error if error.is_damage() => Self::Retry(error.to_string()),
-            error if error.may_be_caused_by_record() => {
-                Self::RetryThenReject(Rejection::new(500, error.to_string()))
-            }
-            error => Self::Retry(error.to_string()),
-        }
-    }
-}
-
 impl From<ServiceError> for FailureAction {
     fn from(error: ServiceError) -> Self {
-        match error {
-            ServiceError::Recording(ref source) if source.is_full() => Self::Retry(error.to_string()),
-            ServiceError::Recording(_) => Self::Reject(Rejection::new(422, error.to_string())),
+        let is_damage = matches!(&error, ServiceError::Store(source) if source.is_damage());
+        if is_damage || error.cause() == FailureCause::External {
+            return Self::Retry(error.to_string());
+        }
+        let status = match &error {
             ServiceError::Field { field, value, expected } => {
-                Self::Reject(Rejection::field(422, field, &value, expected))
+                return Self::Reject(Rejection::field(422, field, value, expected));
             }
-            // Full, busy or unavailable: the cause is not this message.
-            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => {
-                Self::Retry(error.to_string())
-            }
-            ServiceError::Store(source) => Self::of_store(&source),
+            ServiceError::Recording(_) | ServiceError::Store(StoreError::Time(_)) => 422,
+            ServiceError::Store(StoreError::AssetUnknown(_)) => 404,
             ServiceError::SensorOfOther { .. }
             | ServiceError::SensorShared { .. }
-            | ServiceError::StreamFormat { .. } => Self::Reject(Rejection::new(409, error.to_string())),
-            // The next attempt takes the stream back, and continues where the other sender stopped.
-            ServiceError::StreamTaken => Self::Retry(error.to_string()),
-            ServiceError::RawDeleted(_) => Self::Reject(Rejection::new(410, error.to_string())),
-            // An incoming record causes none of these, unless by an internal error.
-            ServiceError::WorkerLost(_)
-            | ServiceError::Threads { .. }
-            | ServiceError::TooManyRecords(_)
-            | ServiceError::QueuedRecordMismatch { .. }
-            | ServiceError::Precondition(_)
-            | ServiceError::ReplayFile { .. }
-            | ServiceError::ReplayUnknown(_)
-            | ServiceError::StreamUnknown { .. }
-            | ServiceError::AlarmUnknown(_)
-            | ServiceError::Alarm(_)
-            | ServiceError::MaintenanceUnknown(_) => {
-                Self::RetryThenReject(Rejection::new(500, error.to_string()))
-            }
-        }
+            | ServiceError::StreamFormat { .. } => 409,
+            ServiceError::RawDeleted(_) => 410,
+            // An incoming record causes no other errors, unless by an internal error.
+            _ => return Self::RetryThenReject(Rejection::new(500, error.to_string())),
+        };
+        Self::Reject(Rejection::new(status, error.to_string()))
     }
 }
 

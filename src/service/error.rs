@@ -113,6 +113,17 @@ pub enum ServiceError {
         /// The stream.
         name: String,
     },
+    /// A live stream belongs to an earlier asset of the same name, and removals are suspended.
+    #[error(
+        "stream {name:?} belongs to an earlier asset {asset}, which the database may have lost: run `flankwatch rebuild`, or use \
+                 another name"
+    )]
+    StreamHeld {
+        /// The asset.
+        asset: AssetId,
+        /// The stream.
+        name: String,
+    },
     /// Another connection has taken over a live stream.
     #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,

@@ -219,22 +219,6 @@ impl StoreError {
             _ => false,
         }
     }
-
-    /// Whether the disk is full, or failed to read or write: the same request can succeed later.
-    pub fn is_disk_failure(&self) -> bool {
-        match self {
-            Self::File { .. } | Self::Database(sqlx::Error::Io(_)) => true,
-            Self::Database(sqlx::Error::Database(error)) => {
-                error.code().is_some_and(|code| is_disk_code(&code))
-            }
-            _ => false,
-        }
-    }
-}
-
-/// Whether an SQLite code says that the disk failed to read or write (SQLITE_IOERR) or is full (SQLITE_FULL).
-fn is_disk_code(code: &str) -> bool {
-    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [10, 13].contains(&(code & 0xff)))
 }
 
 /// Whether a PostgreSQL SQLSTATE says that the server is unavailable: the connection was lost (08), disk,
@@ -289,12 +273,6 @@ mod tests {
         // A permission, a table, an extension's error; SQLite: busy, read-only, I/O error, full.
         for code in ["42501", "42P01", "XX000", "P0001", "5", "8", "10", "13"] {
             assert!(!is_value_code(code), "{code}");
-        }
-        // SQLITE_IOERR, SQLITE_FULL, SQLITE_IOERR_WRITE; busy, corrupt, a PostgreSQL SQLSTATE.
-        for (code, is_disk) in
-            [("10", true), ("13", true), ("778", true), ("5", false), ("11", false), ("53100", false)]
-        {
-            assert_eq!(is_disk_code(code), is_disk, "{code}");
         }
     }
 }
