@@ -20,10 +20,11 @@ use tokio::sync::{OwnedMutexGuard, mpsc};
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
+use super::failure_cause::FailureCause;
 use super::recomputation::Recomputation;
 use super::simulations::Simulations;
 use super::work_queue::Role;
-use super::workers::Workers;
+use super::workers::{Workers, detached};
 use crate::asset::AssetId;
 use crate::store::Store;
 pub(crate) use append::{Appended, Committed};
@@ -120,14 +121,17 @@ impl History {
         let history = Arc::clone(self);
         tokio::spawn(async move {
             while let Some(asset) = history.next() {
-                match history.recomputer.recompute_asset(&asset).await {
+                let (recomputing, id) = (Arc::clone(&history), asset.clone());
+                // In a task of its own, so that a panic does not end the work on the others.
+                let recompute = async move { recomputing.recomputer.recompute_asset(&id).await };
+                match detached("recompute a history", recompute).await.and_then(|outcome| outcome) {
                     Ok(UpdateOutcome::Done | UpdateOutcome::AwaitsLibrary) => {}
                     // The other process may end before it is done.
-                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset, RETRY_AFTER).await,
+                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset, RETRY_AFTER),
                     Err(error) => match retry_after(&error) {
                         Some(time) => {
                             tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
-                            history.retry_later(asset, time).await;
+                            history.retry_later(asset, time);
                         }
                         None => tracing::warn!(%asset, %error, "failed to recompute a history"),
                     },
@@ -144,9 +148,19 @@ impl History {
         self.queue().pop()
     }
 
-    async fn retry_later(&self, asset: AssetId, time: Duration) {
-        self.queue().push(asset);
-        tokio::time::sleep(time).await;
+    /// Queues an asset again after a time, in which others take their turn.
+    fn retry_later(self: &Arc<Self>, asset: AssetId, time: Duration) {
+        if !self.queue().begin_wait(&asset) {
+            return;
+        }
+        // Weak: this task must not keep the service alive.
+        let history = Arc::downgrade(self);
+        tokio::spawn(async move {
+            tokio::time::sleep(time).await;
+            let Some(history) = history.upgrade() else { return };
+            history.queue().end_wait(&asset);
+            history.recompute_in_background(vec![asset]);
+        });
     }
 
     /// Recomputes, in the background, the histories of assets whose library is ready, has more members, or
@@ -171,8 +185,8 @@ fn retry_after(error: &ServiceError) -> Option<Duration> {
     match error {
         ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Some(RETRY_AFTER),
         // Reported damage may prove to be a disk that failed for a moment.
-        ServiceError::Store(error) if error.is_disk_failure() || error.is_damage() => Some(RETRY_DISK_AFTER),
-        _ => None,
+        ServiceError::Store(error) if error.is_damage() => Some(RETRY_DISK_AFTER),
+        _ => (error.cause() == FailureCause::External).then_some(RETRY_DISK_AFTER),
     }
 }
 

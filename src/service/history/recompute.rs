@@ -5,6 +5,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures_util::{StreamExt, stream};
+
 use super::channels::{Channels, Slot};
 use super::fold::{AlarmRun, FoldInput, FoldPoint, folding, read_point, states_of};
 use super::folding::Folding;
@@ -17,7 +19,7 @@ use crate::service::error::ServiceError;
 use crate::service::events::{Announcer, LiveEvent};
 use crate::service::keys::analysis_keys;
 use crate::service::recomputation::RecomputationState;
-use crate::service::record::{StoredRecord, analyse};
+use crate::service::record::{StoredRecord, analyse, raw_bytes};
 use crate::service::sensor_group::described;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::service::workers::Workers;
@@ -289,21 +291,14 @@ impl Recomputer {
                 return Ok(());
             };
             after = Some(last.key());
-            // One task for each record, so that new records are processed in between.
-            let mut tasks = tokio::task::JoinSet::new();
-            for segment in segments {
-                let (store, workers, spec) = (self.store.clone(), Arc::clone(&self.workers), spec.clone());
-                tasks.spawn(async move {
-                    let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
-                    let again = move || analyse_one(&store, &spec, segment);
-                    workers.run_analysis("reanalyse a record", samples, again).await
-                });
-            }
+            // One task for each record, so that new records are processed in between. As many as keep the
+            // worker threads busy, because each holds its raw bytes.
+            let tasks = segments.into_iter().map(|segment| self.analyse_one(spec, segment));
+            let mut tasks = stream::iter(tasks).buffer_unordered(self.workers.threads() + 1);
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
             let mut without_raw = 0;
-            while let Some(done) = tasks.join_next().await {
-                let (id, analysed, is_new) =
-                    done.map_err(|_| ServiceError::WorkerLost("reanalyse a record"))??;
+            while let Some(done) = tasks.next().await {
+                let (id, analysed, is_new) = done?;
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
@@ -313,6 +308,35 @@ impl Recomputer {
                 shown.without_raw += without_raw;
             });
         }
+    }
+
+    /// Analyses a stored record again; keeps its old analysis if its raw bytes are lost. The flag says whether
+    /// the analysis is up to date.
+    async fn analyse_one(
+        &self,
+        spec: &AssetSpec,
+        segment: NewSegment,
+    ) -> Result<(SegmentId, Analysed, bool), ServiceError> {
+        if segment.analysed.keys == analysis_keys(spec) {
+            return Ok((segment.id, segment.analysed, true));
+        }
+        match self.analyse_raw(spec, &segment).await {
+            Ok(analysed) => Ok((segment.id, analysed, true)),
+            Err(error) if error.is_record_lost() => {
+                tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record: keeping its results");
+                Ok((segment.id, segment.analysed, false))
+            }
+            // The raw bytes may be read later: old results would be taken for the only ones possible.
+            Err(error) => Err(error),
+        }
+    }
+
+    async fn analyse_raw(&self, spec: &AssetSpec, segment: &NewSegment) -> Result<Analysed, ServiceError> {
+        let bytes = raw_bytes(&self.store, &segment.raw.sha256).await?;
+        let (stored, spec) = (StoredRecord::from(segment), spec.clone());
+        let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
+        let again = move || Ok(analyse(&stored.decode(&bytes)?, &spec));
+        self.workers.run_analysis("reanalyse a record", samples, again).await?
     }
 
     /// Folds the next batch of records and returns its size; 0 at the end of the history.
@@ -353,21 +377,6 @@ impl Recomputer {
             if after.is_none() {
                 return Ok(());
             }
-        }
-    }
-}
-
-/// Analyses a stored record again; keeps its old analysis if its raw bytes cannot be read. The flag says
-/// whether the analysis is up to date.
-fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (SegmentId, Analysed, bool) {
-    if segment.analysed.keys == analysis_keys(spec) {
-        return (segment.id, segment.analysed, true);
-    }
-    match StoredRecord::from(&segment).read(store) {
-        Ok(record) => (segment.id, analyse(&record, spec), true),
-        Err(error) => {
-            tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record: keeping its results");
-            (segment.id, segment.analysed, false)
         }
     }
 }

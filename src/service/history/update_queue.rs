@@ -10,6 +10,8 @@ pub(crate) struct UpdateQueue {
     order: VecDeque<AssetId>,
     /// The same assets as a set, since at a start the queue holds the whole fleet.
     assets: HashSet<AssetId>,
+    /// Assets that are queued again later.
+    waiting: HashSet<AssetId>,
     /// Whether a task is working on the queue.
     pub(crate) is_running: bool,
 }
@@ -27,6 +29,16 @@ impl UpdateQueue {
         self.is_running = next.is_some();
         self.assets.remove(next.as_ref()?);
         next
+    }
+
+    /// Notes that an asset is to be queued again later; false if that is noted already.
+    pub(crate) fn begin_wait(&mut self, asset: &AssetId) -> bool {
+        self.waiting.insert(asset.clone())
+    }
+
+    /// Notes that an asset is queued again now.
+    pub(crate) fn end_wait(&mut self, asset: &AssetId) {
+        self.waiting.remove(asset);
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -49,5 +61,16 @@ mod tests {
         queue.push(asset("a"));
         let rest: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(rest, [asset("b"), asset("c"), asset("a")]);
+    }
+
+    #[test]
+    fn an_asset_waits_once_and_can_be_queued_meanwhile() {
+        let asset = AssetId::new("a").unwrap();
+        let mut queue = UpdateQueue::default();
+        assert!(queue.begin_wait(&asset) && !queue.begin_wait(&asset));
+        queue.push(asset.clone());
+        assert_eq!(queue.pop(), Some(asset.clone()));
+        queue.end_wait(&asset);
+        assert!(queue.begin_wait(&asset));
     }
 }
