@@ -3,9 +3,11 @@
 
 use std::collections::HashSet;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::clock::Clock;
 use super::error::ServiceError;
+use super::failure_cause::FailureCause;
 use super::pipeline::Pipeline;
 use super::raw::RawObjects;
 use super::record::{IdentifiedRecord, StoredRecord};
@@ -18,6 +20,9 @@ use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError}
 
 /// Maximum number of records analysed in one batch.
 const AT_ONCE: u32 = 32;
+
+/// Time after which a failed catch-up is tried again.
+const RETRY_AFTER: Duration = Duration::from_secs(60);
 
 /// Analyses earlier records for assets that share another one's sensor.
 pub(crate) struct CatchUp {
@@ -34,25 +39,45 @@ pub(crate) struct CatchUp {
 impl CatchUp {
     /// Analyses, in the background, the records that these members of a sensor group lack. Does nothing on an
     /// API node, where workers are notified of the assets instead.
-    pub(crate) fn in_background(self: &Arc<Self>, members: Vec<AssetId>) {
+    pub(crate) fn in_background(self: &Arc<Self>, mut members: Vec<AssetId>) {
         if members.is_empty() || self.role.is_api_node() {
             return;
         }
         let catch_up = Arc::clone(self);
         tokio::spawn(async move {
-            let _turn = catch_up.turn.lock().await;
-            for member in members {
-                match catch_up.asset(&member).await {
-                    Ok(0) | Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {}
-                    Ok(records) => {
-                        tracing::info!(asset = %member, records, "analysed earlier records of a shared sensor")
-                    }
-                    Err(error) => {
-                        tracing::warn!(asset = %member, %error, "failed to analyse earlier records of a shared sensor")
-                    }
+            loop {
+                members = catch_up.assets(members).await;
+                // On a shared store the upkeep tries again.
+                if members.is_empty() || catch_up.store.is_shared() {
+                    return;
+                }
+                tokio::time::sleep(RETRY_AFTER).await;
+                if catch_up.store.is_closed() {
+                    return;
                 }
             }
         });
+    }
+
+    /// Analyses the records that these assets lack; returns the assets to be tried again.
+    async fn assets(&self, members: Vec<AssetId>) -> Vec<AssetId> {
+        let _turn = self.turn.lock().await;
+        let mut failed = Vec::new();
+        for member in members {
+            match self.asset(&member).await {
+                Ok(0) | Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {}
+                Ok(records) => {
+                    tracing::info!(asset = %member, records, "analysed earlier records of a shared sensor");
+                }
+                Err(error) => {
+                    tracing::warn!(asset = %member, %error, "failed to analyse earlier records of a shared sensor");
+                    if error.cause() == FailureCause::External {
+                        failed.push(member);
+                    }
+                }
+            }
+        }
+        failed
     }
 
     /// Whether a catch-up is running.
@@ -92,10 +117,11 @@ impl CatchUp {
                 let _uncommitted = self.raw.uncommitted(Vec::new()).await;
                 let (store, id) = (self.store.clone(), member.clone());
                 let samples = segments.iter().map(samples_of).sum();
-                let read =
-                    move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
-                let again: Vec<IdentifiedRecord> =
-                    self.workers.run_analysis("read records", samples, read).await?;
+                let read = move || {
+                    let records = segments.iter().filter_map(|segment| record_for(&store, &id, segment));
+                    records.collect::<Result<Vec<_>, _>>()
+                };
+                let again = self.workers.run_analysis("read records", samples, read).await??;
                 records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
                 segments = rest;
             }
@@ -133,11 +159,20 @@ fn held_at_once(segments: &[Segment]) -> usize {
     held.count().max(1)
 }
 
-/// Reads a stored record for another asset of its sensor; returns `None` if its raw bytes cannot be read.
-fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<IdentifiedRecord> {
-    let record = StoredRecord::from(segment)
-        .read(store)
-        .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
-        .ok()?;
-    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded))
+/// Reads a stored record for another asset of its sensor; returns `None` if its raw bytes are lost.
+fn record_for(
+    store: &Store,
+    member: &AssetId,
+    segment: &Segment,
+) -> Option<Result<IdentifiedRecord, ServiceError>> {
+    match StoredRecord::from(segment).read(store) {
+        Ok(record) => {
+            Some(Ok(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded)))
+        }
+        Err(error) if error.is_record_lost() => {
+            tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor");
+            None
+        }
+        Err(error) => Some(Err(error)),
+    }
 }
