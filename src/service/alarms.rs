@@ -136,12 +136,14 @@ impl Alarms {
     }
 
     async fn end_shelvings(&self) -> Result<(), ServiceError> {
+        let mut result = Ok(());
         for id in self.store.expired_shelvings(self.clock.now(), MAX_EXPIRED).await? {
             if let Some(stored) = self.store.alarm(&id).await? {
-                self.act_automatically(stored, None, AlarmAction::ShelvingOver).await?;
+                // The others end also after an error; the next round tries this one again.
+                result = result.and(self.act_automatically(stored, None, AlarmAction::ShelvingOver).await);
             }
         }
-        Ok(())
+        result
     }
 }
 

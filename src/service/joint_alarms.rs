@@ -10,7 +10,7 @@ use super::error::ServiceError;
 use super::joint_wear::JointWear;
 use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, MaintenanceKind};
-use crate::store::{DescriptionsMark, StoredAlarm};
+use crate::store::{DescriptionsMark, StoreError, StoredAlarm};
 
 /// Time between two checks.
 const INTERVAL: Duration = Duration::from_secs(2);
@@ -38,20 +38,28 @@ impl Alarms {
         if checked.descriptions != Some(mark) {
             *checked = CheckedState { descriptions: Some(mark), ..CheckedState::default() };
         }
+        let mut result = Ok(());
         for (asset, revision) in self.store.revisions_of_several_channels().await? {
-            if checked.revisions.get(&asset) != Some(&revision) {
-                self.update_joint_novelty_alarm(&asset).await?;
-                checked.revisions.insert(asset, revision);
+            if checked.revisions.get(&asset) == Some(&revision) {
+                continue;
+            }
+            match self.update_joint_novelty_alarm(&asset).await {
+                Ok(()) => drop(checked.revisions.insert(asset, revision)),
+                // The others are checked all the same; the next round tries this one again.
+                Err(error) => result = result.and(Err(error)),
             }
         }
-        Ok(())
+        result
     }
 
     /// Updates the alarm of an asset to the joint novelty of its channels. The alarm belongs to the first
     /// channel.
     async fn update_joint_novelty_alarm(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let store = &self.store;
-        let asset = store.asset(asset).await?;
+        let asset = match store.asset(asset).await {
+            Err(StoreError::AssetUnknown(_)) => return Ok(()),
+            asset => asset?,
+        };
         let mut rules = asset.spec.alarm_rules().into_iter();
         let Some(rule) = rules.find(|rule| rule.quantity == AlarmQuantity::JointNovelty) else {
             return Ok(());

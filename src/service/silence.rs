@@ -51,6 +51,7 @@ impl Alarms {
             .map(|stored| (stored.id, stored.alarm.severity()))
             .collect();
         let now = self.clock.now();
+        let mut result = Ok(());
         for silence in self.store.silences(&assets).await? {
             let Some(rule) = known.rules.get(&silence.channel.asset_id) else {
                 continue;
@@ -59,10 +60,12 @@ impl Alarms {
             let severity = rule.severity_of_silence(silent_s);
             let untouched = StoredAlarm::untouched(&silence.channel, rule, now);
             if raised.get(&untouched.id).copied().flatten() != severity {
-                self.update_silence_alarm(untouched, &silence, severity, silent_s).await?;
+                // The others are checked also after an error; the next round tries this one again.
+                let updated = self.update_silence_alarm(untouched, &silence, severity, silent_s).await;
+                result = result.and(updated);
             }
         }
-        Ok(())
+        result
     }
 
     /// Updates an alarm to the time for which its channel has been silent.
