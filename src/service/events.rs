@@ -95,11 +95,15 @@ impl LiveEvent {
 
 /// Sends events to all subscribers; a clone is another handle.
 #[derive(Debug, Clone)]
-pub struct Announcer(broadcast::Sender<LiveEvent>);
+pub struct Announcer {
+    all: broadcast::Sender<LiveEvent>,
+    /// Changes of alarms alone, and losses: among the events of many records they would be lost sooner.
+    alarms: broadcast::Sender<LiveEvent>,
+}
 
 impl Default for Announcer {
     fn default() -> Self {
-        Self(broadcast::channel(MAX_BEHIND).0)
+        Self { all: broadcast::channel(MAX_BEHIND).0, alarms: broadcast::channel(MAX_BEHIND).0 }
     }
 }
 
@@ -107,7 +111,10 @@ impl Announcer {
     /// Announces an event.
     pub(crate) fn announce(&self, event: LiveEvent) {
         // There may be no subscriber.
-        let _ = self.0.send(event);
+        if matches!(event, LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_)) {
+            let _ = self.alarms.send(event.clone());
+        }
+        let _ = self.all.send(event);
     }
 
     /// Announces the indicators and the wear estimate of a newly stored record.
@@ -132,6 +139,11 @@ impl Announcer {
 
     /// Subscribes to all events from now on.
     pub fn follow(&self) -> broadcast::Receiver<LiveEvent> {
-        self.0.subscribe()
+        self.all.subscribe()
+    }
+
+    /// Subscribes to changes of alarms from now on, and to [losses](LiveEvent::Lost) of events.
+    pub(crate) fn follow_alarms(&self) -> broadcast::Receiver<LiveEvent> {
+        self.alarms.subscribe()
     }
 }

@@ -1,7 +1,7 @@
 //! Captures of stream samples around an alarm when it is raised.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+use std::collections::{HashMap, HashSet};
+use std::sync::{Arc, PoisonError};
 
 use jiff::SignedDuration;
 use tokio::sync::broadcast::error::RecvError;
@@ -14,7 +14,7 @@ use crate::estimate::{AlarmState, Severity};
 use crate::service::error::ServiceError;
 use crate::service::events::LiveEvent;
 use crate::service::workers::blocking;
-use crate::store::AlarmNotice;
+use crate::store::{AlarmNotice, StoredAlarm};
 
 /// Maximum age, relative to the stream, of the record that raised an alarm: an older one is unrelated to the
 /// current samples.
@@ -42,13 +42,20 @@ impl RaisedSeverities {
             && change.action.as_ref().is_none_or(|action| action.automatic_reading().is_some())
             && before.map_or_else(is_first, |before| severity > before)
     }
+
+    /// Takes the open alarms as those that are raised, after notices were lost; returns those that are news.
+    fn news_among(&mut self, open: Vec<StoredAlarm>) -> Vec<AlarmNotice> {
+        self.0.retain(|id, _| open.iter().any(|alarm| alarm.id == *id));
+        let last = |alarm: StoredAlarm| Some(AlarmNotice { change: alarm.alarm.last()?.clone(), alarm });
+        open.into_iter().filter_map(last).filter(|notice| self.is_news(notice)).collect()
+    }
 }
 
 impl Streams {
     /// Notes an event that arrived from another process of a cluster.
     pub(crate) fn note_event(&self, event: &LiveEvent) {
         match event {
-            LiveEvent::AlarmChanged(_) => self.events.announce(event.clone()),
+            LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_) => self.events.announce(event.clone()),
             LiveEvent::AssetRemoved(asset) => self.forget(asset),
             _ => {}
         }
@@ -56,7 +63,7 @@ impl Streams {
 
     /// Follows alarms in the background for as long as the service exists.
     pub(super) fn follow_alarms_in_background(self: &Arc<Self>) {
-        let (mut events, mut over) = (self.events.follow(), self.follow_end());
+        let (mut events, mut over) = (self.events.follow_alarms(), self.follow_end());
         let streams = Arc::downgrade(self);
         tokio::spawn(async move {
             let mut raised = RaisedSeverities::default();
@@ -65,20 +72,36 @@ impl Streams {
                     _ = over.wait_for(|over| *over) => return,
                     event = events.recv() => event,
                 };
-                let notice = match event {
-                    Ok(LiveEvent::AlarmChanged(notice)) => notice,
-                    Ok(_) | Err(RecvError::Lagged(_)) => continue,
+                let Some(streams) = streams.upgrade() else { return };
+                let news = match event {
+                    Ok(LiveEvent::AlarmChanged(notice)) if raised.is_news(&notice) => vec![*notice],
+                    Ok(LiveEvent::Lost(count)) | Err(RecvError::Lagged(count)) => {
+                        tracing::warn!(count, "lost notices of alarms: reading the open alarms instead");
+                        let open = streams.open_alarms().await.inspect_err(
+                            |error| tracing::warn!(%error, "failed to read the open alarms: samples around them may not be captured"),
+                        );
+                        open.map_or_else(|_| Vec::new(), |open| raised.news_among(open))
+                    }
+                    Ok(_) => Vec::new(),
                     Err(RecvError::Closed) => return,
                 };
-                let Some(streams) = streams.upgrade() else { return };
-                if raised.is_news(&notice)
-                    && let Err(error) = streams.capture_around_alarm(&notice.alarm.asset_id, &notice).await
-                {
+                for notice in news {
                     let asset = &notice.alarm.asset_id;
-                    tracing::warn!(%asset, %error, "failed to capture samples around an alarm");
+                    if let Err(error) = streams.capture_around_alarm(asset, &notice).await {
+                        tracing::warn!(%asset, %error, "failed to capture samples around an alarm");
+                    }
                 }
             }
         });
+    }
+
+    /// The open alarms of the assets that have streams in this process.
+    async fn open_alarms(&self) -> Result<Vec<StoredAlarm>, ServiceError> {
+        let assets: HashSet<AssetId> = {
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.keys().map(|(asset, _)| asset.clone()).collect()
+        };
+        Ok(self.store.open_alarms(&assets.iter().collect::<Vec<_>>()).await?)
     }
 
     /// Captures the samples around an alarm in every stream of its asset.
@@ -126,7 +149,7 @@ mod tests {
 
     use super::*;
     use crate::estimate::{Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings};
-    use crate::store::StoredAlarm;
+    use crate::service::events::Announcer;
 
     /// The notices of an alarm with these readings, one a second.
     fn notices(readings: &[f64]) -> Vec<AlarmNotice> {
@@ -170,5 +193,32 @@ mod tests {
             assert!(!RaisedSeverities::default().is_news(&without_rule), "{n}");
         }
         assert_eq!(notices.len(), expected.len());
+    }
+
+    #[test]
+    fn after_a_loss_the_open_alarms_tell_what_is_news() {
+        let notices = notices(&[1.5, 2.5, 1.5, 0.5, 2.5]);
+        let open = |n: usize| vec![notices[n].alarm.clone()];
+        let mut raised = RaisedSeverities::default();
+        assert!(raised.is_news(&notices[0]));
+        // The increase was lost; later the alarm is still the same.
+        assert_eq!(raised.news_among(open(1)), [notices[1].clone()]);
+        assert_eq!(raised.news_among(open(1)), []);
+        // The end was lost, then the alarm is raised again.
+        assert_eq!(raised.news_among(Vec::new()), []);
+        assert!(raised.is_news(&notices[4]));
+    }
+
+    #[test]
+    fn events_of_records_do_not_displace_alarms() {
+        let announcer = Announcer::default();
+        let mut alarms = announcer.follow_alarms();
+        let notices = notices(&[1.5]);
+        announcer.announce_alarms(notices.clone());
+        for _ in 0..5000 {
+            announcer.announce(LiveEvent::AssetChanged(AssetId::new("pump").unwrap()));
+        }
+        assert_eq!(alarms.try_recv(), Ok(LiveEvent::AlarmChanged(Box::new(notices[0].clone()))));
+        assert!(alarms.try_recv().is_err());
     }
 }
