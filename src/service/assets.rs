@@ -12,6 +12,7 @@ use super::precondition::Precondition;
 use super::raw::RawObjects;
 use super::sensor_group::{check_sensor, ids_beside, ids_of_sensor};
 use super::simulations::Simulations;
+use super::streams::Streams;
 use super::work_queue::Role;
 use crate::asset::{AssetId, AssetSpec};
 use crate::store::{Asset, RecordRange, Store, StoreError};
@@ -51,6 +52,7 @@ pub struct Assets {
     pub(crate) history: Arc<History>,
     pub(crate) catch_up: Arc<CatchUp>,
     pub(crate) raw: Arc<RawObjects>,
+    pub(crate) streams: Arc<Streams>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) events: Announcer,
     pub(crate) role: Role,
@@ -139,8 +141,8 @@ impl Assets {
         Ok(store.update_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Deletes an asset and its rows, of many records some at a time. Raw recordings that no other asset has
-    /// are moved into quarantine. After an error, a repeat completes what is left.
+    /// Deletes an asset, its rows and its streams; many records are removed some at a time. Raw recordings that
+    /// no other asset has are moved into quarantine. After an error, a repeat completes what is left.
     ///
     /// Errors: [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
     pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
@@ -166,8 +168,11 @@ impl Assets {
         if let Some(queue) = self.role.queue() {
             queue.notify_changed(id);
         }
+        // Before another asset can get the name, and with it the folder of the streams.
+        let streams = self.streams.remove(id).await;
         orphans.extend(removed.into_iter().flatten());
-        self.raw.quarantine(orphans).await
+        self.raw.quarantine(orphans).await?;
+        streams
     }
 
     /// Removes the records of an asset that is going to be deleted, but for the last few, in short

@@ -153,6 +153,15 @@ impl Service {
             role: role.clone(),
             turn: tokio::sync::Mutex::default(),
         });
+        let streams = Streams::new(
+            store.clone(),
+            Arc::clone(&workers),
+            Arc::clone(&pipeline),
+            Arc::clone(&clock),
+            // The workers' alarms arrive at an API node with the events of all processes.
+            if role.is_api_node() { Announcer::default() } else { events.clone() },
+            folders.streams,
+        );
         Ok(Arc::new(Self {
             records: StoredRecords::new(store.clone(), Arc::clone(&workers)),
             assets: Assets {
@@ -161,6 +170,7 @@ impl Service {
                 history: Arc::clone(&history),
                 catch_up: Arc::clone(&catch_up),
                 raw: Arc::clone(&raw),
+                streams: Arc::clone(&streams),
                 clock: Arc::clone(&clock),
                 events: events.clone(),
                 role: role.clone(),
@@ -204,15 +214,7 @@ impl Service {
                 role.clone(),
                 folders.recordings,
             ),
-            streams: Streams::new(
-                store.clone(),
-                Arc::clone(&workers),
-                Arc::clone(&pipeline),
-                Arc::clone(&clock),
-                // The workers' alarms arrive at an API node with the events of all processes.
-                if role.is_api_node() { Announcer::default() } else { events.clone() },
-                folders.streams,
-            ),
+            streams,
             stream_places: Shares::new(limits.streams_at_once, limits.streams_at_once.saturating_mul(3) / 4),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),

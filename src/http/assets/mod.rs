@@ -249,7 +249,6 @@ pub(super) async fn remove(
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     app.service.assets.delete(&id, &etag::precondition(&headers)).await?;
-    app.service.streams.remove(&id).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

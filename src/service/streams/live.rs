@@ -35,6 +35,8 @@ pub(crate) struct LiveStream {
     is_cutting: AtomicBool,
     /// Whether writing has stopped, because another process may take over.
     is_closed: AtomicBool,
+    /// Whether the stream was removed: its folder may be that of a later asset of the same name by now.
+    is_removed: AtomicBool,
 }
 
 impl LiveStream {
@@ -51,6 +53,7 @@ impl LiveStream {
             feed: LiveFeed::default(),
             is_cutting: AtomicBool::default(),
             is_closed: AtomicBool::default(),
+            is_removed: AtomicBool::default(),
         }
     }
 
@@ -131,6 +134,9 @@ impl LiveStream {
         if self.is_closed.load(Ordering::SeqCst) {
             return Err(ServiceError::StreamTaken);
         }
+        if self.is_removed() {
+            return Err(self.unknown());
+        }
         let done = self.opened(&mut stored, refreshes).and_then(|()| work(&mut stored));
         if matches!(done, Err(ServiceError::Store(_) | ServiceError::File { .. }))
             && let Some(stored) = stored.take()
@@ -202,6 +208,10 @@ impl LiveStream {
         ServiceError::StreamUnknown { asset: self.asset.clone(), name: self.name.clone() }
     }
 
+    pub(super) fn held(&self) -> ServiceError {
+        ServiceError::StreamHeld { asset: self.asset.clone(), name: self.name.clone() }
+    }
+
     /// Waits for a running write, and allows no further one.
     pub(super) fn close(&self) {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
@@ -209,14 +219,23 @@ impl LiveStream {
         *stored = None;
     }
 
-    /// Removes the stream from memory and from its folder.
-    pub(super) fn remove(&self) -> Result<(), ServiceError> {
+    /// Removes the stream from memory, and unless `keeps_folder` from its folder. Nothing uses it from then
+    /// on.
+    pub(super) fn remove(&self, keeps_folder: bool) -> Result<(), ServiceError> {
         self.take_over();
         self.feed.end();
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         (*stored, *self.waiting()) = (None, None);
         self.pending.send_replace(0);
-        self.place.remove()
+        if !keeps_folder && !self.is_removed() {
+            self.place.remove()?;
+        }
+        self.is_removed.store(true, Ordering::SeqCst);
+        Ok(())
+    }
+
+    pub(super) fn is_removed(&self) -> bool {
+        self.is_removed.load(Ordering::SeqCst)
     }
 
     /// Whether there are pending records and the caller becomes the one to store them.
@@ -318,5 +337,22 @@ mod tests {
         });
         assert!(failed.is_err());
         assert_eq!(take(0), (Some(200), 0));
+    }
+
+    #[test]
+    fn a_removed_stream_leaves_the_folder_to_a_later_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = StreamPlace::in_folder(&folder.path().join("main"));
+        let format = StreamFormat::new(RawSample::I16, 100.0, 1, None).unwrap();
+        let create = || StoredStream::create(&place, Timestamp::UNIX_EPOCH, format.clone(), Some(0));
+        let old = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), place.clone());
+        drop(create().unwrap());
+        old.remove(false).unwrap();
+        assert!(StoredStream::open(&place).unwrap().is_none());
+        drop(create().unwrap());
+        // What still holds the old one neither removes nor reads the new one.
+        old.remove(false).unwrap();
+        assert!(matches!(old.with_stored(|_| Ok(())), Err(ServiceError::StreamUnknown { .. })));
+        assert!(StoredStream::open(&place).unwrap().is_some());
     }
 }

@@ -132,7 +132,7 @@ impl Streams {
     /// been replaced. `first` is the index at which a new stream starts; by default that of its first sample.
     ///
     /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
-    /// large; the asset has too many streams.
+    /// large; the asset has too many streams; the stream may be that of an asset which the database has lost.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -145,9 +145,13 @@ impl Streams {
         let cutting = Arc::new(Cutting::of(&described.spec, &format)?);
         let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
+        let is_held = self.store.removal_hold().is_some();
         let (next, owner) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
+                    if is_held {
+                        return Err(opened.held());
+                    }
                     // The stream of a deleted asset of the same name.
                     *stored = None;
                     opened.place.remove()?;
@@ -243,12 +247,31 @@ impl Streams {
     }
 
     /// Removes the streams of a deleted asset.
-    pub async fn remove(&self, asset: &AssetId) -> Result<(), ServiceError> {
+    pub(crate) async fn remove(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let gone: Vec<Arc<LiveStream>> = {
-            let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-            all.extract_if(|(of, _), _| of == asset).map(|(_, stream)| stream).collect()
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.values().filter(|stream| stream.asset == *asset).cloned().collect()
         };
-        blocking("remove streams", move || gone.iter().try_for_each(|stream| stream.remove())).await?
+        self.remove_each(gone).await
+    }
+
+    /// Removes streams whose asset does not exist. Their folders are kept while removals are suspended: a
+    /// database that was lost or is older than the raw recordings proves nothing about an asset.
+    async fn remove_each(&self, gone: Vec<Arc<LiveStream>>) -> Result<(), ServiceError> {
+        let is_held = self.store.removal_hold().is_some();
+        let remove = move || {
+            for stream in gone {
+                stream.remove(is_held)?;
+                if is_held {
+                    tracing::warn!(asset = %stream.asset, name = stream.name, "kept the journal of a stream without an asset: `flankwatch rebuild` restores assets");
+                }
+            }
+            Ok(())
+        };
+        let removed = blocking("remove streams", remove).await?;
+        // Only now: until then nobody may create another stream in the folder.
+        self.all.lock().unwrap_or_else(PoisonError::into_inner).retain(|_, stream| !stream.is_removed());
+        removed
     }
 
     /// Ends the connections of all senders, at the end of the service.
@@ -298,9 +321,14 @@ impl Streams {
                 Err(StoreError::AssetUnknown(_)) => None,
                 described => Some(described?),
             };
+            let Some(described) = described else {
+                if let Err(error) = self.remove_each(vec![stream]).await {
+                    tracing::error!(%asset, name, %error, "failed to remove a stream without an asset");
+                }
+                continue;
+            };
             let opened = Arc::clone(&stream);
             let is_there = blocking("open a stream", move || {
-                let Some(described) = described else { return opened.remove().map(|()| false) };
                 opened.with(|stored| {
                     let Some(stored) = stored else { return Ok(false) };
                     if stored.state().asset_created_at != described.created_at {
@@ -359,7 +387,7 @@ impl Streams {
     fn in_memory(&self, asset: &AssetId, name: &str) -> Result<Arc<LiveStream>, ServiceError> {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         let key = (asset.clone(), name.to_owned());
-        if let Some(stream) = all.get(&key) {
+        if let Some(stream) = all.get(&key).filter(|stream| !stream.is_removed()) {
             return Ok(Arc::clone(stream));
         }
         // The rows of a shared store are counted when the stream is created.

@@ -102,8 +102,7 @@ impl Streams {
         let is_refused = match self.store_record(&stream.asset, record).await {
             Ok(()) => false,
             Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
-                let gone = Arc::clone(stream);
-                blocking("remove a stream", move || gone.remove()).await??;
+                self.remove_each(vec![Arc::clone(stream)]).await?;
                 return Ok(Attempt::NonePending);
             }
             Err(
