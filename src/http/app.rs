@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use tokio::sync::RwLock;
+
 use super::access::Access;
 use super::access::shares::Shares;
 use super::events::ring::EventRing;
@@ -30,4 +32,6 @@ pub(super) struct App {
     pub(super) event_streams: Shares,
     pub(super) write_probe: Arc<WriteProbe>,
     pub(super) queue_watch: Arc<QueueWatch>,
+    /// Read-locked by each request that may change something, until it is handled.
+    pub(super) changes: Arc<RwLock<()>>,
 }

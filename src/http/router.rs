@@ -114,6 +114,7 @@ pub(super) fn router(app: App) -> Router {
         .merge(openapi::routes(description))
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
+        .layer(from_fn_with_state(app.clone(), traffic::run_to_end))
         .layer(from_fn(etag::layer))
         .layer(from_fn_with_state(app.clone(), damage::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use tokio::net::TcpListener;
-use tokio::sync::oneshot;
+use tokio::sync::{RwLock, oneshot};
 use tokio::task::JoinHandle;
 
 use super::access::shares::Shares;
@@ -88,6 +88,7 @@ pub struct RunningService {
     stop: oneshot::Sender<()>,
     is_tls: bool,
     events: Arc<EventRing>,
+    changes: Arc<RwLock<()>>,
     server: JoinHandle<()>,
 }
 
@@ -213,12 +214,23 @@ async fn start_as(
         event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
         write_probe: Arc::default(),
         queue_watch: Arc::default(),
+        changes: Arc::default(),
     };
+    let changes = Arc::clone(&app.changes);
     resumable::start(&app).await?;
     let (stop, stopped) = oneshot::channel();
     let is_tls = tls.is_some();
     let server = connections::serve(listener, router(app), tls, limits, stopped);
-    Ok(RunningService { address, service, grace, stop, is_tls, events, server: tokio::spawn(server) })
+    Ok(RunningService {
+        address,
+        service,
+        grace,
+        stop,
+        is_tls,
+        events,
+        changes,
+        server: tokio::spawn(server),
+    })
 }
 
 impl RunningService {
@@ -249,6 +261,7 @@ impl RunningService {
             self.service.replays.stop_all().await;
             let ended = (&mut server).await;
             // work that continues after its client has disconnected
+            let _no_further_change = self.changes.write().await;
             while self.service.workers.queue().0 > 0 {
                 tokio::time::sleep(std::time::Duration::from_millis(5)).await;
             }

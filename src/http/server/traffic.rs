@@ -1,5 +1,6 @@
 //! Processing of every request around its handler.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request, State};
@@ -27,8 +28,7 @@ pub(crate) async fn trace(request: Request, next: Next) -> Response {
     response
 }
 
-/// Ends a request that takes too long. An upload that has started continues and is found by a repeated
-/// request.
+/// Ends a request that takes too long. A change that has started continues; a repeated request finds its result.
 pub(crate) async fn time_out(
     State(app): State<App>,
     path: Option<MatchedPath>,
@@ -48,6 +48,20 @@ pub(crate) async fn time_out(
             Problem::busy(format!("the request took longer than {} s", limit.as_secs()), 5).into_response()
         }
     }
+}
+
+/// Handles a request that may change something in a task of its own: if its client disconnects or the time for
+/// requests is over, a change must not be left half done.
+pub(crate) async fn run_to_end(State(app): State<App>, request: Request, next: Next) -> Response {
+    if request.method().is_safe() {
+        return next.run(request).await;
+    }
+    let handled = tokio::spawn(async move {
+        // The end of the service waits for it.
+        let _running = Arc::clone(&app.changes).read_owned().await;
+        next.run(request).await
+    });
+    handled.await.unwrap_or_else(|_| panicked(Box::new(())))
 }
 
 /// Responds for a handler that panicked.

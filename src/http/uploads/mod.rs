@@ -27,7 +27,7 @@ use super::request::query::{AssetInPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::JsonBlock;
-use crate::service::{Accepted, BatchSummary, ChannelNames, detached};
+use crate::service::{Accepted, BatchSummary, ChannelNames};
 use crate::store::{KeyedUpload, RecordNote};
 use parameters::UploadParameters;
 
@@ -198,9 +198,8 @@ impl Upload<'_> {
             }
             metadata.start_time = Some(metadata.start_time.unwrap_or(first.received_at));
         }
-        let (service, asset) = (app.service.clone(), self.asset.clone());
-        let work = async move {
-            let accepted = service.pipeline.accept(&asset, format, bytes, metadata, ticket).await?;
+        let work = async {
+            let accepted = app.service.pipeline.accept(self.asset, format, bytes, metadata, ticket).await?;
             let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
@@ -213,25 +212,20 @@ impl Upload<'_> {
         self.store_answer(work).await
     }
 
-    /// Processes an upload and stores its response for repeats with the same key, in a task of its own, so
-    /// that a disconnected client does not interrupt it.
+    /// Processes an upload and stores its response for repeats with the same key.
     async fn store_answer(
         &self,
-        work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static,
+        work: impl Future<Output = Result<UploadAnswer, Problem>>,
     ) -> Result<Answered, Problem> {
-        let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
-        let work = async move {
-            let answer = work.await?;
-            if let Some(key) = key
-                && let Ok(text) = serde_json::to_string(&answer)
-                && let Some(first) = service.store.finish_upload(&asset, &key, &text).await?
-                && let Ok(first) = serde_json::from_str(&first)
-            {
-                return Ok(Answered::Before(first));
-            }
-            Ok(Answered::Now(answer))
-        };
-        detached("store an upload", work).await?
+        let answer = work.await?;
+        if let Some(key) = &self.key
+            && let Ok(text) = serde_json::to_string(&answer)
+            && let Some(first) = self.app.service.store.finish_upload(self.asset, key, &text).await?
+            && let Ok(first) = serde_json::from_str(&first)
+        {
+            return Ok(Answered::Before(first));
+        }
+        Ok(Answered::Now(answer))
     }
 
     async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
@@ -244,10 +238,9 @@ impl Upload<'_> {
         {
             return Ok(answer);
         }
-        let (app, asset) = (app.clone(), self.asset.clone());
-        let work = async move {
+        let work = async {
             let path = spooled.path().to_path_buf();
-            let answer = take_recording(&app, &asset, names, move || File::open(path)).await;
+            let answer = take_recording(app, self.asset, names, move || File::open(path)).await;
             drop((spooled, ticket));
             answer
         };

@@ -20,7 +20,7 @@ use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body::BodySource;
 use crate::http::uploads;
-use crate::service::{ChannelNames, ServiceError, blocking, detached, while_leased};
+use crate::service::{ChannelNames, ServiceError, blocking, while_leased};
 use crate::store::{NewUpload, Reading, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
@@ -98,18 +98,12 @@ pub(crate) async fn find(app: &App, id: &str) -> Result<ResumableUpload, Problem
 
 /// Appends bytes at offset `at`, and starts processing when the upload is complete.
 pub(crate) async fn append(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
-    // if the client disconnects, the received bytes are still stored
-    let (app, id) = (app.clone(), id.to_owned());
-    let receive = async move {
-        let upload = find(&app, &id).await?;
-        upload.check_offset(at)?;
-        let mut ticket = app.service.workers.admit()?;
-        ticket.grow(
-            usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)),
-        )?;
-        receive(&app, upload, body).await
-    };
-    detached("store an upload", receive).await?
+    let upload = find(app, id).await?;
+    upload.check_offset(at)?;
+    let mut ticket = app.service.workers.admit()?;
+    ticket
+        .grow(usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)))?;
+    receive(app, upload, body).await
 }
 
 /// Removes an upload. One that waits to be processed may be removed, as it may be what fills the disk.
@@ -203,8 +197,9 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
 /// Starts processing a complete upload in the background, unless another process does so.
 async fn take_over(app: &App, id: &str) -> Result<(), Problem> {
     if let Some(reading) = app.service.store.begin_reading(id, app.service.now()).await? {
-        app.reading_waits.begin(id);
+        // If it cannot be read, another look takes it over once this one counts as ended.
         let upload = find(app, id).await?;
+        app.reading_waits.begin(id);
         tokio::spawn(read_and_end(app.clone(), upload, reading));
     }
     Ok(())

@@ -149,6 +149,21 @@ impl RawObjects {
         }
     }
 
+    /// Removes the notes of assets that were deleted by a process which ended before it removed them; on a
+    /// shared store only notes that no process can have written recently.
+    async fn remove_stale_asset_notes(&self) -> Result<(), ServiceError> {
+        let store = self.store.clone();
+        let list = move || Ok::<_, StoreError>((store.objects().asset_notes()?, Age::now(&store)?));
+        let (notes, age) = blocking("read the notes of assets", list).await??;
+        for note in notes.iter().filter(|note| age.is_old_enough(note.created_at.max(note.updated_at))) {
+            if let Err(StoreError::AssetUnknown(id)) = self.store.asset(&note.spec.id).await {
+                tracing::info!(asset = %id, "removing the note of a deleted asset");
+                self.note_asset(&id).await?;
+            }
+        }
+        Ok(())
+    }
+
     /// Writes a note of removed records beside the raw objects, so that a rebuild skips them. On a shared
     /// store their dead-letter count is raised, so that the queue accepts them if they are sent again.
     pub(crate) async fn note_removal(&self, removal: RemovalNote) -> Result<(), ServiceError> {
@@ -210,8 +225,8 @@ impl RawObjects {
     }
 
     /// Moves all unreferenced objects into quarantine, such as those that a killed process stored without
-    /// results, and removes objects whose quarantine has expired. Does nothing while removals are
-    /// suspended.
+    /// results, and removes objects whose quarantine has expired, and notes of deleted assets. Does nothing
+    /// while removals are suspended.
     pub(crate) async fn sweep(&self) -> Result<(), ServiceError> {
         if self.store.check_marks().await?.is_some() {
             return Ok(());
@@ -237,7 +252,7 @@ impl RawObjects {
         if objects > 0 {
             tracing::info!(objects, bytes, "removed raw objects whose quarantine has expired");
         }
-        Ok(())
+        self.remove_stale_asset_notes().await
     }
 
     async fn quarantine_orphans(&self) -> Result<(u64, u64), ServiceError> {
