@@ -1,5 +1,6 @@
 //! Limits per client: connections, event streams, resumable uploads.
 
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
@@ -117,4 +118,34 @@ fn uploads_of_one_client_leave_room_for_others() {
         begin(&other).expect(201);
     }
     begin(&other).expect_problem(503, &["too many uploads"]);
+}
+
+#[test]
+fn a_deletion_whose_client_disconnects_is_complete() {
+    let service = Service::start();
+    let ids: Vec<String> = (0..100).map(|n| format!("pump-{n}")).collect();
+    ids.iter().for_each(|id| service.plain_asset(id));
+    for (n, id) in (0..).zip(&ids) {
+        let mut stream = connect(&service);
+        write!(stream, "DELETE /v1/assets/{id} HTTP/1.1\r\nhost: localhost\r\n\r\n").unwrap();
+        std::thread::sleep(Duration::from_millis(n % 5));
+    }
+    let known = || {
+        let page = service.get("/v1/assets?limit=1000").expect(200).json();
+        let items = page["items"].as_array().unwrap().iter();
+        items.map(|asset| asset["id"].as_str().unwrap().to_owned()).collect::<BTreeSet<_>>()
+    };
+    let began = std::time::Instant::now();
+    loop {
+        let before = known();
+        std::thread::sleep(Duration::from_millis(500));
+        if known() == before {
+            break;
+        }
+        assert!(began.elapsed() < Duration::from_secs(60), "assets are still being deleted");
+    }
+    assert!(known().len() < ids.len());
+    let notes = service.service().store.objects().asset_notes();
+    let noted: BTreeSet<String> = notes.unwrap().into_iter().map(|note| note.spec.id.to_string()).collect();
+    assert_eq!(noted, known());
 }

@@ -152,3 +152,68 @@ fn a_record_far_from_the_nearest_state_is_stored_before_its_history_is_folded() 
     recomputed(&service, "late");
     assert_eq!(history(&service, "late"), history(&service, "in-order"));
 }
+
+/// Puts a folder in the place of a raw recording, which then cannot be read; returns what puts it back.
+fn make_unreadable(service: &Service, segment: &Value) -> Option<impl FnOnce() + use<>> {
+    let name = segment["raw"]["sha256"].as_str().unwrap();
+    let path = service.folder().join("raw").join(&name[..2]).join(name);
+    let aside = service.folder().join("aside");
+    // In a bucket there is no such file.
+    std::fs::rename(&path, &aside).ok()?;
+    std::fs::create_dir(&path).unwrap();
+    Some(move || {
+        std::fs::remove_dir(&path).unwrap();
+        std::fs::rename(&aside, &path).unwrap();
+    })
+}
+
+#[test]
+fn a_recomputation_waits_until_raw_recordings_can_be_read_and_holds_up_no_other() {
+    let mut service = Service::start();
+    for asset in ["pump", "fan"] {
+        service.plain_asset(asset);
+    }
+    let segments: Vec<Value> = (0..12).map(|n| service.upload("pump", &record("1", n))).collect();
+    for n in 100..112 {
+        service.upload("fan", &record("1", n));
+    }
+    let old = history(&service, "pump");
+    let Some(make_readable) = make_unreadable(&service, &segments[5]) else { return };
+    let began = Instant::now();
+    for asset in ["pump", "fan"] {
+        let mut description = plain_asset(asset);
+        description["bands"] = json!([{ "name": "mesh", "band_hz": [200, 400] }]);
+        service.put_json(&format!("/v1/assets/{asset}"), &description).expect(200);
+    }
+    assert_eq!(recomputed(&service, "fan")["state"], "finished");
+    assert!(began.elapsed() < Duration::from_secs(30), "it waited for the other asset");
+    let failed = recomputed(&service, "pump");
+    assert_eq!(failed["state"], "failed", "{failed}");
+    assert_eq!(history(&service, "pump"), old);
+    make_readable();
+    service.restart();
+    let done = recomputed(&service, "pump");
+    assert_eq!((&done["state"], &done["without_raw"]), (&json!("finished"), &json!(0)), "{done}");
+    let [_, indicators] = history(&service, "pump");
+    assert!(indicators.as_array().unwrap().iter().all(|item| item["band_mesh"].is_number()));
+}
+
+#[test]
+fn an_asset_on_a_shared_sensor_lacks_no_record_that_could_not_be_read_for_a_moment() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let segments: Vec<Value> = (0..12).map(|n| service.upload("pump", &record("1", n))).collect();
+    let Some(make_readable) = make_unreadable(&service, &segments[5]) else { return };
+    let mut second = plain_asset("second");
+    second["gear"] = json!({ "teeth": [17, 50], "shaft_speed_hz": 5.0, "shaft_ratio": [31, 62] });
+    second["sensor"]["of"] = json!("pump");
+    service.post_json("/v1/assets", &second).expect(201);
+    std::thread::sleep(Duration::from_secs(1));
+    let parts = service.service();
+    let late = service.run(parts.store.late_members(10)).unwrap();
+    drop(parts);
+    assert_eq!(late.iter().map(|id| id.as_str()).collect::<Vec<_>>(), ["second"]);
+    make_readable();
+    service.restart();
+    service.wait_for("/v1/assets/second", |asset| asset["summary"]["segments"] == 12);
+}

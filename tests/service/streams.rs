@@ -472,3 +472,38 @@ fn a_restored_stream_keeps_samples_that_are_not_in_a_record_yet() {
     }
     restored.kill();
 }
+
+#[test]
+fn a_lost_database_leaves_the_journals_of_streams() {
+    if std::env::var("FLANKWATCH_TEST_DATABASE").is_ok() {
+        return;
+    }
+    let mut service = service();
+    let mut socket = open(&service, "&first_index=0");
+    socket.send(0, time_ns(0), &frames(0, 1500));
+    socket.wait_for(1500);
+    drop(socket);
+    service.stop();
+    for name in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
+        let _ = std::fs::remove_file(service.folder().join(name));
+    }
+    let journal = service.folder().join("streams/pump/main");
+    service.launch();
+    assert!(journal.is_dir());
+    // An asset that somebody creates in its place does not get the stream, nor removes it.
+    service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
+    assert_eq!(StreamSocket::open(&address(&service, ""), &[]).err(), Some(409));
+    service.delete("/v1/assets/pump").expect(204);
+    assert!(journal.is_dir());
+    service.stop();
+    flankwatch(&["rebuild", "--data-dir", service.folder().to_str().unwrap()]).expect_success();
+    service.launch();
+    assert_eq!(status(&service)["next"], 1500);
+    let mut socket = open(&service, "");
+    socket.send(1500, time_ns(1500), &frames(1500, 1500));
+    socket.wait_for(3000);
+    expect_samples(&service, &records(&service, "in", 1)[0], 0, 2000);
+    // Without a doubt about the database, the journal is removed with its asset.
+    service.delete("/v1/assets/pump").expect(204);
+    assert!(!journal.exists());
+}

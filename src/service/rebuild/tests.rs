@@ -187,3 +187,24 @@ async fn a_record_whose_removal_failed_is_not_removed_by_a_rebuild() {
     assert_eq!((rebuilt.records, rebuilt.removed), (1, 1), "{rebuilt:?}");
     service.store.close().await;
 }
+
+#[tokio::test]
+async fn the_note_of_a_deleted_asset_is_removed_unless_removals_are_suspended() {
+    let place = tempfile::tempdir().unwrap();
+    let service = service_on(place.path()).await;
+    service.assets.create(&spec("old")).await.unwrap();
+    let note = service.store.objects().asset_note(&pump()).unwrap().unwrap();
+    // As if the process had been killed before it removed the note.
+    let mark = service.store.descriptions_mark().await.unwrap();
+    service.store.delete_asset(&pump(), mark).await.unwrap();
+    service.sweep().await.unwrap();
+    assert_eq!(service.store.objects().asset_note(&pump()).unwrap(), None);
+    service.store.objects().put_asset_note(&note).unwrap();
+    service.store.close().await;
+
+    lose_database(place.path());
+    let service = service_on(place.path()).await;
+    service.sweep().await.unwrap();
+    assert_eq!(service.store.objects().asset_note(&pump()).unwrap(), Some(note));
+    service.store.close().await;
+}
