@@ -490,7 +490,8 @@ fn a_lost_database_leaves_the_journals_of_streams() {
     let journal = service.folder().join("streams/pump/main");
     service.launch();
     assert!(journal.is_dir());
-    // An asset that somebody creates in its place does not get the stream, nor removes it.
+    // An asset that somebody creates in its place later does not get the stream, nor removes it.
+    service.clock.advance(60);
     service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
     assert_eq!(StreamSocket::open(&address(&service, ""), &[]).err(), Some(409));
     service.delete("/v1/assets/pump").expect(204);

@@ -28,7 +28,8 @@ pub(crate) async fn trace(request: Request, next: Next) -> Response {
     response
 }
 
-/// Ends a request that takes too long. A change that has started continues; a repeated request finds its result.
+/// Ends a request that takes too long. A change that has started continues; a repeated request finds its
+/// result.
 pub(crate) async fn time_out(
     State(app): State<App>,
     path: Option<MatchedPath>,
@@ -50,8 +51,8 @@ pub(crate) async fn time_out(
     }
 }
 
-/// Handles a request that may change something in a task of its own: if its client disconnects or the time for
-/// requests is over, a change must not be left half done.
+/// Handles a request that may change something in a task of its own: if its client disconnects or its time is
+/// over, a change must not be left half done.
 pub(crate) async fn run_to_end(State(app): State<App>, request: Request, next: Next) -> Response {
     if request.method().is_safe() {
         return next.run(request).await;

@@ -310,8 +310,8 @@ impl Recomputer {
         }
     }
 
-    /// Analyses a stored record again; keeps its old analysis if its raw bytes are lost. The flag says whether
-    /// the analysis is up to date.
+    /// Analyses a stored record again; keeps its old analysis if its raw bytes are lost. The flag says
+    /// whether the analysis is up to date.
     async fn analyse_one(
         &self,
         spec: &AssetSpec,
