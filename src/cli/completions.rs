@@ -33,5 +33,5 @@ pub(super) fn complete(args: &CompletionsArgs, mut program: clap::Command) -> Re
 pub(super) fn write_manual(args: &ManualArgs, program: clap::Command) -> Result<(), CliError> {
     std::fs::create_dir_all(&args.folder)
         .and_then(|()| clap_mangen::generate_to(program, &args.folder))
-        .map_err(CliError::io(&args.folder))
+        .map_err(CliError::file(&args.folder))
 }

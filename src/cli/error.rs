@@ -1,48 +1,23 @@
 //! Errors of the commands.
 
-use std::io;
+use std::error::Error;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use thiserror::Error;
-
 /// Why a command failed; the message names the file, address or field.
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// A file or folder could not be read or written.
+    /// A file or folder could not be read or written, or what it contains is invalid.
     #[error("{path}: {source}")]
-    Io {
+    File {
         /// The file or folder.
         path: PathBuf,
-        /// The system's error.
-        source: io::Error,
+        /// What failed, or is wrong with it.
+        source: Box<dyn Error + Send + Sync>,
     },
     /// An argument is invalid.
     #[error("{0}")]
     Argument(String),
-    /// A pair file or wear table is invalid.
-    #[error("{path}: {source}")]
-    Pair {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: crate::gear::GearError,
-    },
-    /// An asset file is invalid.
-    #[error("{path}: {source}")]
-    Asset {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: crate::asset::AssetError,
-    },
-    /// A recording cannot be read or written.
-    #[error("{path}: {source}")]
-    Recording {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: crate::recording::RecordingError,
-    },
     /// Some files could not be analysed; each error was printed when it occurred.
     #[error("failed to read {failed} of {all} files completely")]
     SomeFailed {
@@ -60,9 +35,6 @@ pub enum CliError {
     /// The figures could not be made.
     #[error(transparent)]
     Figures(#[from] crate::figures::FiguresError),
-    /// A recording could not be converted.
-    #[error(transparent)]
-    Convert(#[from] super::recordings::convert::ConvertError),
     /// A run could not be simulated.
     #[error(transparent)]
     Simulation(#[from] crate::simulation::SimulationError),
@@ -103,21 +75,14 @@ pub enum CliError {
 }
 
 impl CliError {
-    /// Returns a closure for `map_err` on file operations.
-    pub(super) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Io { path, source }
+    /// Returns a closure for `map_err` on what is done with a file or folder.
+    pub(super) fn file<E: Into<Box<dyn Error + Send + Sync>>>(path: impl AsRef<Path>) -> impl Fn(E) -> Self {
+        let path = path.as_ref().to_owned();
+        move |source| Self::File { path: path.clone(), source: source.into() }
     }
 
-    /// Returns a closure for `map_err` on pair files and wear tables.
-    pub(super) fn pair(path: &Path) -> impl FnOnce(crate::gear::GearError) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Pair { path, source }
-    }
-
-    /// Returns a closure for `map_err` on recordings.
-    pub(super) fn recording(path: &Path) -> impl FnOnce(crate::recording::RecordingError) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Recording { path, source }
+    /// Creates the error for an invalid argument.
+    pub(super) fn argument(name: &str, value: impl Display, expected: impl Display) -> Self {
+        Self::Argument(format!("{name} is {value}, expected {expected}"))
     }
 }

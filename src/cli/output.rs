@@ -10,7 +10,7 @@ use super::CliError;
 pub(super) fn print(text: &str) -> Result<(), CliError> {
     match io::stdout().lock().write_all(text.as_bytes()) {
         Err(source) if source.kind() != io::ErrorKind::BrokenPipe => {
-            Err(CliError::Io { path: "standard output".into(), source })
+            Err(CliError::file("standard output")(source))
         }
         _ => Ok(()),
     }
@@ -30,5 +30,5 @@ pub(super) fn counted(count: u64, thing: &str) -> String {
 /// Writes a file under a temporary name, then renames it.
 pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     let temporary = path.with_extension("part");
-    fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).map_err(CliError::io(path))
+    fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).map_err(CliError::file(path))
 }

@@ -21,7 +21,7 @@ const ALLOWED: [&[&str]; 8] = [
     &["src/service/streams"],
     &["src/cluster/intake", "src/cluster/worker"],
     &["src/cli/recordings/analyze"],
-    &["src/cli/error", "src/cli/recordings/convert"],
+    &["src/cli/recordings/convert"],
     &["src/cli/client/stream"],
 ];
 

@@ -87,7 +87,7 @@ pub(in crate::cli) fn run(args: &RebuildArgs) -> Result<(), CliError> {
 /// Renames the database files, so that a new database is created; fails while a service uses them.
 fn set_aside(folder: &Path) -> Result<(), CliError> {
     let lock = folder.join("lock");
-    let file = fs::File::create(&lock).map_err(CliError::io(&lock))?;
+    let file = fs::File::create(&lock).map_err(CliError::file(&lock))?;
     if file.try_lock().is_err() {
         let in_use = crate::store::StoreError::InUse(folder.to_path_buf());
         return Err(in_use.into());
@@ -97,7 +97,7 @@ fn set_aside(folder: &Path) -> Result<(), CliError> {
         let path = folder.join(name);
         if path.exists() {
             let aside = folder.join(name.replace("flankwatch.db", &format!("flankwatch.{date}.db")));
-            fs::rename(&path, &aside).map_err(CliError::io(&path))?;
+            fs::rename(&path, &aside).map_err(CliError::file(&path))?;
         }
     }
     file.unlock().map_err(|source| ServeError::from(source).into())

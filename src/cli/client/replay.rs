@@ -110,9 +110,9 @@ impl Sender<'_> {
         };
         args.values.apply(path, &mut defaults)?;
         let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds))
-            .map_err(CliError::recording(path))?;
+            .map_err(CliError::file(path))?;
         while let Some(recorded) = file.next() {
-            let recorded = recorded.map_err(CliError::recording(path))?;
+            let recorded = recorded.map_err(CliError::file(path))?;
             *next_start = (*next_start).max(recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded, progress)?;

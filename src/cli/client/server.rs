@@ -67,7 +67,7 @@ fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
     let Some(file) = file else {
         return Ok(RootCerts::WebPki);
     };
-    let bytes = std::fs::read(file).map_err(CliError::io(file))?;
+    let bytes = std::fs::read(file).map_err(CliError::file(file))?;
     let certificates = parse_pem(&bytes).filter_map(|item| match item {
         Ok(PemItem::Certificate(certificate)) => Some(certificate),
         _ => None,

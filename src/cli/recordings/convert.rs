@@ -1,6 +1,5 @@
 //! `flankwatch convert`: converts recordings to MCAP or WAV.
 
-mod error;
 mod source;
 
 use std::fs::{self, File, OpenOptions};
@@ -14,13 +13,12 @@ use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::AssetId;
+use crate::cli::CliError;
 use crate::cli::output::note;
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
 use crate::signal::OperatingPoint;
-pub(in crate::cli) use error::ConvertError;
-use error::argument;
 use source::Source;
 
 /// Frames between two steps of the progress bar.
@@ -71,13 +69,15 @@ pub(in crate::cli) struct ConvertArgs {
 }
 
 /// Converts recordings, in bounded memory. The output appears under its name only when it is complete.
-pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
+pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
     let target = Target::of(&args.output)?;
     if args.output.exists() && !args.force {
-        return Err(ConvertError::Exists(args.output.clone()));
+        let detail = format!("{:?} exists, expected a new file (or --force to replace it)", args.output);
+        return Err(CliError::Argument(detail));
     }
-    let asset = AssetId::new(args.asset.as_str())?;
-    let inputs = recording_files(&args.inputs).map_err(Box::new)?;
+    let asset =
+        AssetId::new(args.asset.as_str()).map_err(|error| CliError::Argument(format!("--asset: {error}")))?;
+    let inputs = recording_files(&args.inputs)?;
     let partial = Partial::create(&args.output)?;
     let mut progress = ReadingProgress::new(&inputs);
     let written = match target {
@@ -98,22 +98,18 @@ enum Target {
 }
 
 impl Target {
-    fn of(path: &Path) -> Result<Self, ConvertError> {
+    fn of(path: &Path) -> Result<Self, CliError> {
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
             Some("mcap") => Ok(Self::Mcap),
             Some("wav") => Ok(Self::Wav),
-            _ => Err(argument("OUT", path.display(), "a name that ends in .mcap or .wav")),
+            _ => Err(CliError::argument("OUT", path.display(), "a name that ends in .mcap or .wav")),
         }
     }
 }
 
 /// Returns the values that a recording may lack; it begins at `start_time`.
-fn defaults_of(
-    args: &ConvertArgs,
-    path: &Path,
-    start_time: Timestamp,
-) -> Result<RecordDefaults, ConvertError> {
+fn defaults_of(args: &ConvertArgs, path: &Path, start_time: Timestamp) -> Result<RecordDefaults, CliError> {
     let mut defaults = RecordDefaults {
         start_time,
         time_of_day: TimeOfDay::FromStart,
@@ -126,7 +122,7 @@ fn defaults_of(
         },
         ..RecordDefaults::default()
     };
-    args.values.apply(path, &mut defaults).map_err(Box::new)?;
+    args.values.apply(path, &mut defaults)?;
     Ok(defaults)
 }
 
@@ -137,20 +133,20 @@ fn write_mcap(
     inputs: &[PathBuf],
     file: &File,
     progress: &mut ReadingProgress,
-) -> Result<String, ConvertError> {
-    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
-    let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
+) -> Result<String, CliError> {
+    let output = CliError::file(&args.output);
+    let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(&output)?;
     let mut next_start = args.start_time;
     let (mut records, mut channels, mut cut_seconds) = (0_u64, Vec::<String>::new(), None);
     for path in inputs {
-        let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+        let input = CliError::file(path);
         progress.begin(path);
         let defaults = defaults_of(args, path, next_start)?;
         let source = Source::open(path, args, &defaults)?;
         if let Some(channel) = source.channel_without_unit().filter(|_| defaults.unit.is_none()) {
             let expected =
                 format!("the samples' unit, such as m/s2: {path:?} does not give that of {channel:?}");
-            return Err(argument("--unit", "missing", expected));
+            return Err(CliError::argument("--unit", "missing", expected));
         }
         for channel in source.channels() {
             if !channels.contains(channel) {
@@ -158,18 +154,18 @@ fn write_mcap(
             }
         }
         let mut blocks =
-            RecordBlocks::new(source, &defaults, args.record_seconds.map(Cut::Seconds)).map_err(input)?;
+            RecordBlocks::new(source, &defaults, args.record_seconds.map(Cut::Seconds)).map_err(&input)?;
         cut_seconds = cut_seconds.or(blocks.default_cut_seconds());
         while let Some(record) = blocks.next() {
-            let record = record.map_err(input)?;
+            let record = record.map_err(&input)?;
             let topic = format!("/{asset}/{}/waveform", record.channel());
-            writer.write(&topic, &record).map_err(output)?;
+            writer.write(&topic, &record).map_err(&output)?;
             records += 1;
             progress.set_read(blocks.frames().bytes_read());
         }
         next_start = next_start.max(blocks.end_time());
     }
-    let mut inner = writer.finish().map_err(output)?;
+    let mut inner = writer.finish().map_err(&output)?;
     inner.flush().map_err(|error| output(error.into()))?;
     let note = cut_seconds
         .map_or(String::new(), |seconds| format!(" of {seconds} s (change with --record-seconds)"));
@@ -182,22 +178,22 @@ fn write_wav(
     inputs: &[PathBuf],
     file: &File,
     progress: &mut ReadingProgress,
-) -> Result<String, ConvertError> {
+) -> Result<String, CliError> {
     let [path] = inputs else {
         let expected = "a name that ends in .mcap for several recordings: a WAV has one".to_owned();
-        return Err(argument("OUT", args.output.display(), expected));
+        return Err(CliError::argument("OUT", args.output.display(), expected));
     };
-    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
-    let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+    let output = CliError::file(&args.output);
+    let input = CliError::file(path);
     progress.begin(path);
     let defaults = defaults_of(args, path, args.start_time)?;
     let mut source = Source::open(path, args, &defaults)?;
     let channels = source.channels().to_vec();
     let mut writer =
-        WavWriter::new(BufWriter::new(file), channels.len(), source.sample_rate_hz()).map_err(output)?;
+        WavWriter::new(BufWriter::new(file), channels.len(), source.sample_rate_hz()).map_err(&output)?;
     let mut frame = vec![0.0; channels.len()];
     let mut frames = 0_u64;
-    while source.next_frame(&mut frame).map_err(input)? {
+    while source.next_frame(&mut frame).map_err(&input)? {
         if let Some(scale) = defaults.scale {
             frame.iter_mut().for_each(|sample| *sample = (f64::from(*sample) * scale) as f32);
         }
@@ -208,7 +204,7 @@ fn write_wav(
                 "a finite number",
             )));
         }
-        writer.write_frame(&frame).map_err(output)?;
+        writer.write_frame(&frame).map_err(&output)?;
         frames += 1;
         if frames.is_multiple_of(FRAMES_PER_STEP) {
             progress.set_read(source.bytes_read());
@@ -217,7 +213,7 @@ fn write_wav(
     if frames == 0 {
         return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
     }
-    writer.finish().map_err(output)?;
+    writer.finish().map_err(&output)?;
     Ok(format!("{frames} samples, channels {}", channels.join(", ")))
 }
 
@@ -229,7 +225,7 @@ struct Partial {
 }
 
 impl Partial {
-    fn create(output: &Path) -> Result<Self, ConvertError> {
+    fn create(output: &Path) -> Result<Self, CliError> {
         let name = output.file_name().unwrap_or_default().to_string_lossy();
         let path = output.with_file_name(format!(".{name}.{}.partial", std::process::id()));
         let file = OpenOptions::new()
@@ -237,14 +233,14 @@ impl Partial {
             .create(true)
             .truncate(true)
             .open(&path)
-            .map_err(|error| failed(output, error))?;
+            .map_err(CliError::file(output))?;
         Ok(Self { path, file, complete: false })
     }
 
     /// Syncs the file and renames it to the output.
-    fn complete(mut self, output: &Path) -> Result<(), ConvertError> {
-        self.file.sync_all().map_err(|error| failed(output, error))?;
-        fs::rename(&self.path, output).map_err(|error| failed(output, error))?;
+    fn complete(mut self, output: &Path) -> Result<(), CliError> {
+        self.file.sync_all().map_err(CliError::file(output))?;
+        fs::rename(&self.path, output).map_err(CliError::file(output))?;
         self.complete = true;
         Ok(())
     }
@@ -257,10 +253,6 @@ impl Drop for Partial {
             let _ = fs::remove_file(&self.path);
         }
     }
-}
-
-fn failed(path: &Path, error: std::io::Error) -> ConvertError {
-    ConvertError::Output { path: path.to_owned(), source: error.into() }
 }
 
 #[cfg(test)]

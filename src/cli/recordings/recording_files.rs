@@ -57,8 +57,8 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).map_err(CliError::io(&folder))? {
-            let entry = entry.map_err(CliError::io(&folder))?;
+        for entry in fs::read_dir(&folder).map_err(CliError::file(&folder))? {
+            let entry = entry.map_err(CliError::file(&folder))?;
             let path = entry.path();
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 folders.push(path);

@@ -55,7 +55,7 @@ fn check(option: &str, value: f64, is_usable: bool, expected: &str) -> Result<()
     if value.is_finite() && is_usable {
         return Ok(());
     }
-    Err(CliError::Argument(format!("{option} is {value}, expected {expected}")))
+    Err(CliError::argument(option, value, expected))
 }
 
 /// Finds the first time in a file name that matches the pattern.

@@ -72,8 +72,10 @@ pub(in crate::cli) fn run(args: &DemoArgs) -> Result<(), CliError> {
     }
     let temporary = std::env::temp_dir().join(format!("flankwatch-demo-{}", std::process::id()));
     let data_dir = args.data_dir.clone().unwrap_or_else(|| temporary.clone());
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(CliError::io(&data_dir))?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(CliError::file(&data_dir))?;
     let ended = runtime.block_on(serve_and_replay(args, data_dir));
     runtime.shutdown_timeout(Duration::from_secs(1));
     if args.data_dir.is_none()
@@ -96,13 +98,13 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     let (latest_sender, latest) = watch::channel(None);
     let live = tokio::spawn(live::send(service.service().clone(), sample_id()?, latest));
     let replay = tokio::select! {
-        stopped = shutdown_signal() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
+        stopped = shutdown_signal() => stopped.map(|()| true).map_err(CliError::file("signals")),
         replayed = replay(service.service(), args, clock.now(), &latest_sender) => replayed.map(|()| false),
     };
     let outcome = match replay {
         Ok(false) => {
             output::print("run complete; the dashboard stays available until Ctrl-C\n")?;
-            shutdown_signal().await.map_err(|source| CliError::Io { path: "signals".into(), source })
+            shutdown_signal().await.map_err(CliError::file("signals"))
         }
         Ok(true) => Ok(()),
         Err(error) => Err(error),

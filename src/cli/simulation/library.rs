@@ -173,7 +173,7 @@ fn list(args: &LibraryCacheArgs) -> Result<(), CliError> {
 fn show(args: &ShowArgs) -> Result<(), CliError> {
     let path = std::path::Path::new(&args.library);
     if path.is_file() {
-        let bytes = std::fs::read(path).map_err(CliError::io(path))?;
+        let bytes = std::fs::read(path).map_err(CliError::file(path))?;
         return output::print(&table(&decode(&bytes)?));
     }
     match args.cache.cache().get(&args.library)? {

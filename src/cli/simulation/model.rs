@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -67,7 +67,7 @@ pub(in crate::cli) fn run(args: &ModelArgs) -> Result<(), CliError> {
     let cycle = cycle(args)?;
     match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {
         Err(source) if source.kind() != ErrorKind::BrokenPipe => {
-            Err(CliError::io(Path::new("standard output"))(source))
+            Err(CliError::file("standard output")(source))
         }
         _ => Ok(()),
     }
@@ -84,8 +84,8 @@ fn cycle(args: &ModelArgs) -> Result<MeshCycle, CliError> {
     let pair = spec.resolve()?;
     let wear = match (&args.profile, args.wear_mm, args.turns) {
         (Some(path), ..) => {
-            let table = fs::read_to_string(path).map_err(CliError::io(path))?;
-            FlankWear::from_table_csv(&pair, &table).map_err(CliError::pair(path))?
+            let table = fs::read_to_string(path).map_err(CliError::file(path))?;
+            FlankWear::from_table_csv(&pair, &table).map_err(CliError::file(path))?
         }
         (None, Some(depth_mm), _) => FlankWear::from_shape(&pair, depth_mm)?,
         (None, None, Some(turns)) => ArchardWear::after_turns(&pair, turns)?.wear,

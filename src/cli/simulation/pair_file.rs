@@ -14,6 +14,6 @@ pub(in crate::cli) fn read(path: Option<&Path>) -> Result<PairSpec, CliError> {
     let Some(path) = path else {
         return Ok(PairSpec::from_toml(SHEN2022)?);
     };
-    let text = fs::read_to_string(path).map_err(CliError::io(path))?;
-    PairSpec::from_toml(&text).map_err(|source| CliError::Pair { path: path.to_owned(), source })
+    let text = fs::read_to_string(path).map_err(CliError::file(path))?;
+    PairSpec::from_toml(&text).map_err(CliError::file(path))
 }

@@ -126,40 +126,37 @@ fn for_each_record(
 
 fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
     let temporary = args.out.with_extension("mcap.part");
-    let file = File::create(&temporary).map_err(CliError::io(&temporary))?;
+    let file = File::create(&temporary).map_err(CliError::file(&temporary))?;
     // Vibration noise does not compress: zstd saves 7 %, and decompressing takes twice as long as hashing the
     // result with SHA-256.
     let options = McapOptions { compression: McapCompression::None };
-    let mut writer =
-        McapWriter::new(BufWriter::new(file), options).map_err(CliError::recording(&args.out))?;
+    let mut writer = McapWriter::new(BufWriter::new(file), options).map_err(CliError::file(&args.out))?;
     let mut truth = BTreeMap::new();
     for index in 0..args.records {
         truth.insert(run.start_time(index).as_nanosecond().to_string(), run.wear_um(index).to_string());
     }
-    writer.metadata("reference_wear", truth).map_err(CliError::recording(&args.out))?;
+    writer.metadata("reference_wear", truth).map_err(CliError::file(&args.out))?;
     let pair = toml::to_string(&run.plan().pair)
         .map_err(|error| CliError::Argument(format!("failed to write the gear pair: {error}")))?;
     writer
         .metadata("gear_pair", BTreeMap::from([("toml".to_owned(), pair)]))
-        .map_err(CliError::recording(&args.out))?;
+        .map_err(CliError::file(&args.out))?;
     let acquisition = [
         ("source", "flankwatch simulate".to_owned()),
         ("seed", args.seed.to_string()),
         ("snr_db", args.snr_db.to_string()),
     ];
     let acquisition = acquisition.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
-    writer.metadata("acquisition", acquisition).map_err(CliError::recording(&args.out))?;
+    writer.metadata("acquisition", acquisition).map_err(CliError::file(&args.out))?;
     let topic = format!("/{}/{}/waveform", args.asset, run.plan().channel);
     for_each_record(run, |_, simulated| {
-        writer.write(&topic, &simulated.record).map_err(CliError::recording(&args.out))?;
+        writer.write(&topic, &simulated.record).map_err(CliError::file(&args.out))?;
         bar.inc(1);
         Ok(())
     })?;
-    let file = writer.finish().map_err(CliError::recording(&args.out))?;
-    let file = file
-        .into_inner()
-        .map_err(|error| CliError::Io { path: temporary.clone(), source: error.into_error() })?;
-    file.sync_all().and_then(|()| fs::rename(&temporary, &args.out)).map_err(CliError::io(&args.out))
+    let file = writer.finish().map_err(CliError::file(&args.out))?;
+    let file = file.into_inner().map_err(|error| CliError::file(&temporary)(error.into_error()))?;
+    file.sync_all().and_then(|()| fs::rename(&temporary, &args.out)).map_err(CliError::file(&args.out))
 }
 
 fn wav_name(index: u32) -> String {
@@ -169,8 +166,8 @@ fn wav_name(index: u32) -> String {
 /// Refuses a folder with a WAV file that the run does not replace: it would count as a record of the run.
 fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
     let replaced: BTreeSet<PathBuf> = (0..args.records).map(|index| args.out.join(wav_name(index))).collect();
-    for entry in fs::read_dir(&args.out).map_err(CliError::io(&args.out))? {
-        let path = entry.map_err(CliError::io(&args.out))?.path();
+    for entry in fs::read_dir(&args.out).map_err(CliError::file(&args.out))? {
+        let path = entry.map_err(CliError::file(&args.out))?.path();
         if path.extension().is_some_and(|extension| extension == "wav") && !replaced.contains(&path) {
             return Err(CliError::Argument(format!(
                 "--out is {} and has {} already, expected a folder without records of another run",
@@ -183,7 +180,7 @@ fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
 }
 
 fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
-    fs::create_dir_all(&args.out).map_err(CliError::io(&args.out))?;
+    fs::create_dir_all(&args.out).map_err(CliError::file(&args.out))?;
     check_folder(args)?;
     let mut truth = "file,start_time,wear_um\n".to_owned();
     for_each_record(run, |index, simulated| {
@@ -199,11 +196,10 @@ fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result
 
 fn write_wav(path: &Path, record: &Record) -> Result<(), CliError> {
     let mut bytes = Cursor::new(Vec::new());
-    let mut writer =
-        WavWriter::new(&mut bytes, 1, record.sample_rate_hz()).map_err(CliError::recording(path))?;
+    let mut writer = WavWriter::new(&mut bytes, 1, record.sample_rate_hz()).map_err(CliError::file(path))?;
     for &sample in record.samples() {
-        writer.write_frame(&[sample]).map_err(CliError::recording(path))?;
+        writer.write_frame(&[sample]).map_err(CliError::file(path))?;
     }
-    writer.finish().map_err(CliError::recording(path))?;
+    writer.finish().map_err(CliError::file(path))?;
     output::write_file(path, bytes.get_ref())
 }

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -63,14 +62,14 @@ impl Source {
     ) -> Result<Self, CliError> {
         let mut reader: Box<dyn Read + Send> = match path {
             "-" => Box::new(io::stdin()),
-            path => Box::new(File::open(path).map_err(CliError::io(Path::new(path)))?),
+            path => Box::new(File::open(path).map_err(CliError::file(path))?),
         };
         let (mut converted, mut begin, mut remaining) = (None, 0, None);
         let format = match format {
             Some(format) => format,
             None => {
-                let failed = |source| CliError::Recording { path: path.into(), source };
-                let (wav, declared, data_start) = WavFormat::read_open_ended(&mut reader).map_err(failed)?;
+                let failed = CliError::file(path);
+                let (wav, declared, data_start) = WavFormat::read_open_ended(&mut reader).map_err(&failed)?;
                 begin = data_start;
                 remaining = declared.filter(|_| !is_followed);
                 let (sample, is_same) = match (wav.float, wav.bits, wav.container) {
@@ -93,7 +92,7 @@ impl Source {
         let bytes = frames.saturating_mul(self.read_frame_bytes() as u64);
         let place = SeekFrom::Start(self.begin.saturating_add(bytes));
         let file = File::open(path).and_then(|mut file| file.seek(place).map(|_| file));
-        self.reader = Box::new(file.map_err(CliError::io(Path::new(path)))?);
+        self.reader = Box::new(file.map_err(CliError::file(path))?);
         self.remaining = self.remaining.map(|remaining| remaining.saturating_sub(bytes));
         Ok(())
     }
@@ -122,7 +121,7 @@ impl SampleSource for Source {
                 Ok(0) => break,
                 Ok(count) => filled += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(source) => return Err(CliError::Io { path: self.name.as_str().into(), source }),
+                Err(source) => return Err(CliError::file(&self.name)(source)),
             }
         }
         bytes.truncate(filled / width * width);
@@ -135,8 +134,8 @@ impl SampleSource for Source {
         let time = Timestamp::now() - SignedDuration::from_secs_f64(length_s);
         let bytes = match &mut self.converted {
             Some(wav) => {
-                let failed = |source| CliError::Recording { path: self.name.as_str().into(), source };
-                wav.values(&bytes).map_err(failed)?.flat_map(f32::to_le_bytes).collect()
+                let values = wav.values(&bytes).map_err(CliError::file(&self.name))?;
+                values.flat_map(f32::to_le_bytes).collect()
             }
             None => bytes,
         };

@@ -43,8 +43,8 @@ impl Spool {
     pub(super) fn open(folder: Option<PathBuf>, max_file_bytes: u64, format: &str) -> Result<Self, CliError> {
         let mut files = Vec::new();
         if let Some(folder) = &folder {
-            fs::create_dir_all(folder).map_err(CliError::io(folder))?;
-            for entry in fs::read_dir(folder).map_err(CliError::io(folder))?.flatten() {
+            fs::create_dir_all(folder).map_err(CliError::file(folder))?;
+            for entry in fs::read_dir(folder).map_err(CliError::file(folder))?.flatten() {
                 let name = entry.file_name();
                 let first = name.to_str().and_then(|name| name.strip_suffix(".block")?.parse().ok());
                 if let Some((first, data)) = first.zip(entry.metadata().ok()) {
@@ -59,7 +59,7 @@ impl Spool {
                     format!("--spool {folder} has samples in the format {before}, expected {format}");
                 return Err(CliError::Argument(detail));
             }
-            fs::write(&path, format).map_err(CliError::io(&path))?;
+            fs::write(&path, format).map_err(CliError::file(&path))?;
         }
         files.sort_unstable();
         let file_bytes = files.iter().map(|(_, bytes)| bytes).sum();
@@ -114,7 +114,7 @@ impl Spool {
         let Some((path, first)) = self.files.front().map(|(first, _)| (self.path(*first), *first)) else {
             return Ok(None);
         };
-        let bytes = fs::read(&path).map_err(CliError::io(&path))?;
+        let bytes = fs::read(&path).map_err(CliError::file(&path))?;
         let (header, samples) = bytes.split_at(bytes.len().min(HEADER_BYTES));
         let time_ns = header.try_into().map_or(0, i64::from_le_bytes);
         Ok(Some(Block { first, time_ns, bytes: samples.to_vec() }))
@@ -127,7 +127,7 @@ impl Spool {
         } else if let Some((first, bytes)) = self.files.pop_front() {
             self.file_bytes -= bytes;
             let path = self.path(first);
-            fs::remove_file(&path).map_err(CliError::io(&path))?;
+            fs::remove_file(&path).map_err(CliError::file(&path))?;
         }
         Ok(())
     }
@@ -153,7 +153,7 @@ impl Spool {
             fs::File::open(&part)?.sync_all()?;
             fs::rename(&part, &path)
         };
-        write().map_err(CliError::io(&path))?;
+        write().map_err(CliError::file(&path))?;
         self.files.push_back((block.first, bytes.len() as u64));
         self.file_bytes += bytes.len() as u64;
         Ok(())

@@ -82,7 +82,7 @@ impl<'a> Analysis<'a> {
         };
         self.args.values.apply(path, &mut defaults)?;
         let cut = self.args.record_seconds.map(Cut::Seconds);
-        let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
+        let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::file(path))?;
         if let Some(seconds) = file.default_cut_seconds() {
             progress.print(&format!(
                 "note: {}: long recording split into records of {seconds} s; set another length with --record-seconds",
@@ -90,7 +90,7 @@ impl<'a> Analysis<'a> {
             ));
         }
         while let Some(recorded) = file.next() {
-            let recorded = recorded.map_err(CliError::recording(path))?;
+            let recorded = recorded.map_err(CliError::file(path))?;
             *next_start = (*next_start).max(recorded.record.end_time());
             self.analyze_record(path, recorded);
             progress.set_read(file.bytes_read());

@@ -124,6 +124,6 @@ pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
 }
 
 fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {
-    let text = fs::read_to_string(path).map_err(CliError::io(path))?;
-    AssetSpec::from_toml(&text).map_err(|source| CliError::Asset { path: path.to_owned(), source })
+    let text = fs::read_to_string(path).map_err(CliError::file(path))?;
+    AssetSpec::from_toml(&text).map_err(CliError::file(path))
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::ConvertArgs;
-use super::error::{ConvertError, argument};
+use crate::cli::CliError;
 use crate::recording::{FileFrames, Format, Frames, FramesInfo, RecordDefaults, RecordingError};
 
 /// Frames of one file.
@@ -17,14 +17,10 @@ pub(super) struct Source {
 }
 
 impl Source {
-    pub(super) fn open(
-        path: &Path,
-        args: &ConvertArgs,
-        defaults: &RecordDefaults,
-    ) -> Result<Self, ConvertError> {
-        let input = |source: RecordingError| ConvertError::Input { path: path.to_owned(), source };
-        let frames = FileFrames::open(path, &args.channels).map_err(input)?;
-        let mut info = frames.info(defaults).map_err(input)?;
+    pub(super) fn open(path: &Path, args: &ConvertArgs, defaults: &RecordDefaults) -> Result<Self, CliError> {
+        let input = CliError::file(path);
+        let frames = FileFrames::open(path, &args.channels).map_err(&input)?;
+        let mut info = frames.info(defaults).map_err(&input)?;
         info.sample_rate_hz = args.rate.unwrap_or(info.sample_rate_hz);
         let whole_frame = vec![0.0; info.channels.len()];
         // Only the selected columns of a CSV file are read.
@@ -69,13 +65,15 @@ impl Frames for Source {
 }
 
 /// Returns the indices of the requested channels; all where none is requested.
-fn select(names: &[String], requested: &[String]) -> Result<Vec<usize>, ConvertError> {
+fn select(names: &[String], requested: &[String]) -> Result<Vec<usize>, CliError> {
     if requested.is_empty() {
         return Ok((0..names.len()).collect());
     }
     let find = |name: &String| {
         let found = names.iter().position(|other| other == name);
-        found.ok_or_else(|| argument("--channels", name, format!("names among {}", names.join(", "))))
+        found.ok_or_else(|| {
+            CliError::argument("--channels", name, format!("names among {}", names.join(", ")))
+        })
     };
     requested.iter().map(find).collect()
 }

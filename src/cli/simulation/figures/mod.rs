@@ -52,8 +52,7 @@ pub(in crate::cli) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     bar.finish_and_clear();
     output::write_file(&args.out, page::html(&figures).as_bytes())?;
     if let Some(path) = &args.data {
-        let json = serde_json::to_vec(&figures)
-            .map_err(|error| CliError::Io { path: path.clone(), source: error.into() })?;
+        let json = serde_json::to_vec(&figures).map_err(CliError::file(path))?;
         output::write_file(path, &json)?;
     }
     let holding = figures.checks.iter().filter(|check| check.holds).count();
