@@ -2,7 +2,7 @@
 
 mod source;
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::note;
+use crate::cli::output::{PartialFile, note};
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
@@ -78,14 +78,14 @@ pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
     let asset =
         AssetId::new(args.asset.as_str()).map_err(|error| CliError::Argument(format!("--asset: {error}")))?;
     let inputs = recording_files(&args.inputs)?;
-    let partial = Partial::create(&args.output)?;
+    let partial = PartialFile::create(&args.output)?;
     let mut progress = ReadingProgress::new(&inputs);
     let written = match target {
         Target::Mcap => write_mcap(args, &asset, &inputs, &partial.file, &mut progress),
         Target::Wav => write_wav(args, &inputs, &partial.file, &mut progress),
     }?;
     drop(progress);
-    partial.complete(&args.output)?;
+    partial.complete()?;
     note(&format!("{}: {written}", args.output.display()));
     Ok(())
 }
@@ -215,44 +215,6 @@ fn write_wav(
     }
     writer.finish().map_err(&output)?;
     Ok(format!("{frames} samples, channels {}", channels.join(", ")))
-}
-
-/// The output under a temporary name in the same folder; removed on drop unless it is completed.
-struct Partial {
-    path: PathBuf,
-    file: File,
-    complete: bool,
-}
-
-impl Partial {
-    fn create(output: &Path) -> Result<Self, CliError> {
-        let name = output.file_name().unwrap_or_default().to_string_lossy();
-        let path = output.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-        let file = OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&path)
-            .map_err(CliError::file(output))?;
-        Ok(Self { path, file, complete: false })
-    }
-
-    /// Syncs the file and renames it to the output.
-    fn complete(mut self, output: &Path) -> Result<(), CliError> {
-        self.file.sync_all().map_err(CliError::file(output))?;
-        fs::rename(&self.path, output).map_err(CliError::file(output))?;
-        self.complete = true;
-        Ok(())
-    }
-}
-
-impl Drop for Partial {
-    fn drop(&mut self) {
-        if !self.complete {
-            // The conversion's own error is the one to report.
-            let _ = fs::remove_file(&self.path);
-        }
-    }
 }
 
 #[cfg(test)]

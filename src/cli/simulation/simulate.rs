@@ -1,8 +1,8 @@
 //! `flankwatch simulate`: simulates a run to failure with known wear.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File};
-use std::io::{BufWriter, Cursor};
+use std::fs;
+use std::io::{BufWriter, Cursor, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -125,12 +125,12 @@ fn for_each_record(
 }
 
 fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
-    let temporary = args.out.with_extension("mcap.part");
-    let file = File::create(&temporary).map_err(CliError::file(&temporary))?;
+    let partial = output::PartialFile::create(&args.out)?;
     // Vibration noise does not compress: zstd saves 7 %, and decompressing takes twice as long as hashing the
     // result with SHA-256.
     let options = McapOptions { compression: McapCompression::None };
-    let mut writer = McapWriter::new(BufWriter::new(file), options).map_err(CliError::file(&args.out))?;
+    let mut writer =
+        McapWriter::new(BufWriter::new(&partial.file), options).map_err(CliError::file(&args.out))?;
     let mut truth = BTreeMap::new();
     for index in 0..args.records {
         truth.insert(run.start_time(index).as_nanosecond().to_string(), run.wear_um(index).to_string());
@@ -154,9 +154,8 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
         bar.inc(1);
         Ok(())
     })?;
-    let file = writer.finish().map_err(CliError::file(&args.out))?;
-    let file = file.into_inner().map_err(|error| CliError::file(&temporary)(error.into_error()))?;
-    file.sync_all().and_then(|()| fs::rename(&temporary, &args.out)).map_err(CliError::file(&args.out))
+    writer.finish().map_err(CliError::file(&args.out))?.flush().map_err(CliError::file(&args.out))?;
+    partial.complete()
 }
 
 fn wav_name(index: u32) -> String {
