@@ -107,12 +107,6 @@ pub struct Segment {
     pub wear: WearEstimate,
 }
 
-/// The name of a segment's status, or of a cause of it, as in JSON.
-pub(crate) fn json_name(value: &impl Serialize) -> String {
-    let name = serde_json::to_value(value).ok();
-    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -35,7 +35,6 @@ mod table;
 mod uploads;
 mod wear;
 
-pub use access::token::{Scope, Token};
 pub use access::token_error::TokenError;
 pub use access::tokens::Tokens;
 pub use events::ring::SharedEvents;

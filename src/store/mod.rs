@@ -77,7 +77,7 @@ pub use streams::entry::JournalEntry;
 pub use streams::journal::StreamJournal;
 pub use streams::levels::{StreamLevels, TimedLevel};
 pub use streams::rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
-pub use tokens::{StoredToken, TokenStore, TokensVersion};
+pub use tokens::{Scope, Token, TokenStore, TokensVersion};
 pub use uploads::keyed::KeyedUpload;
 pub use uploads::resumable::{NewUpload, Reading, StoredUpload, UploadPiece, UploadProgress};
 

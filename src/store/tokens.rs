@@ -9,14 +9,16 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sqlx::pool::PoolConnection;
 use sqlx::{Any, AnyConnection, Connection};
 
-use super::database::rows::{get, get_time, to_ns};
+use super::database::rows::{get, get_named, get_time, to_ns};
 use super::database::sqlite_url;
 use super::database::{integrity, schema};
 use super::objects::file_error;
 use super::{Store, StoreError};
+use crate::asset::json_name;
 
 /// File name of the token database in a data folder.
 pub(super) const FILE: &str = "tokens.db";
@@ -24,18 +26,31 @@ pub(super) const FILE: &str = "tokens.db";
 /// Offset of the change counter in the header of an SQLite file.
 const CHANGE_COUNTER: usize = 24;
 
-/// The stored data of a token, without its secret.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct StoredToken {
-    /// The public part of the token.
+/// The scope of a token; each scope includes the previous ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Scope {
+    /// Read everything.
+    Read,
+    /// Send records, start replays, acknowledge alarms.
+    Write,
+    /// Create, change and delete assets.
+    Admin,
+}
+
+/// A token without its secret.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+pub struct Token {
+    /// Identifier, the public part of the token.
     pub id: String,
-    /// Its purpose, in the user's words.
+    /// Name.
     pub name: String,
-    /// Its scope, as named by the API.
-    pub scope: String,
-    /// When it was created.
+    /// Scope.
+    pub scope: Scope,
+    /// Creation time.
     pub created_at: Timestamp,
-    /// SHA-256 of its secret in hexadecimal.
+    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so a slow hash would add nothing.
+    #[serde(skip)]
     pub sha256: String,
 }
 
@@ -110,7 +125,7 @@ impl TokenStore {
     }
 
     /// The valid tokens, the oldest first; `None` if there never were any.
-    pub async fn tokens(&self) -> Result<Option<Vec<StoredToken>>, StoreError> {
+    pub async fn tokens(&self) -> Result<Option<Vec<Token>>, StoreError> {
         if let Backend::File(path) = &self.backend
             && !path.exists()
         {
@@ -129,10 +144,11 @@ impl TokenStore {
         let mut tokens = Vec::new();
         for row in &rows {
             if get::<Option<i64>>(row, "revoked_at_ns")?.is_none() {
-                tokens.push(StoredToken {
-                    id: get(row, "id")?,
+                let id: String = get(row, "id")?;
+                tokens.push(Token {
+                    scope: get_named(row, "scope", &id)?,
+                    id,
                     name: get(row, "name")?,
-                    scope: get(row, "scope")?,
                     created_at: get_time(row, "created_at_ns")?,
                     sha256: get(row, "sha256")?,
                 });
@@ -142,14 +158,14 @@ impl TokenStore {
     }
 
     /// Stores a token; returns false if its identifier is or was in use.
-    pub async fn insert(&self, token: &StoredToken) -> Result<bool, StoreError> {
+    pub async fn insert(&self, token: &Token) -> Result<bool, StoreError> {
         let mut opened = self.open(true).await?;
         let inserted = sqlx::query(
             "INSERT INTO tokens (id, name, scope, created_at_ns, sha256) VALUES ($1, $2, $3, $4, $5) ON CONFLICT (id) DO NOTHING",
         )
         .bind(token.id.as_str())
         .bind(token.name.as_str())
-        .bind(token.scope.as_str())
+        .bind(json_name(&token.scope))
         .bind(to_ns(token.created_at)?)
         .bind(token.sha256.as_str())
         .execute(opened.get())

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::Command;
 
 use flankwatch::gear::PairSpec;
-use flankwatch::http::Scope;
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, WavWriter, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
+use flankwatch::store::Scope;
 use serde_json::json;
 
 use crate::running::{Service, minute};

@@ -5,8 +5,9 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
-use flankwatch::http::{Scope, ServiceConfig, StartError, TlsFiles, start};
+use flankwatch::http::{ServiceConfig, StartError, TlsFiles, start};
 use flankwatch::service::SystemClock;
+use flankwatch::store::Scope;
 
 use crate::certificate::certificate;
 use crate::command::flankwatch;

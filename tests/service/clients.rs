@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use flankwatch::http::Scope;
+use flankwatch::store::Scope;
 
 use crate::running::{Answer, Service, record};
 use crate::tokens::Tokens;

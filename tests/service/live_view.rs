@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use flankwatch::http::Scope;
+use flankwatch::store::Scope;
 use serde_json::{Value, json};
 
 use crate::event_stream::EventStream;

@@ -1,6 +1,6 @@
 //! The API description.
 
-use flankwatch::http::Scope;
+use flankwatch::store::Scope;
 use serde_json::Value;
 
 use crate::alarms::{at_once, loud, watched};

@@ -4,7 +4,7 @@
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use flankwatch::http::Scope;
+use flankwatch::store::Scope;
 use jiff::Timestamp;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};

@@ -1,6 +1,6 @@
 //! Tokens created and revoked over HTTP.
 
-use flankwatch::http::Scope;
+use flankwatch::store::Scope;
 use serde_json::{Value, json};
 
 use crate::running::{Answer, Service};

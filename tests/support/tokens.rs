@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use flankwatch::http::{Scope, Token, TokenError};
+use flankwatch::http::TokenError;
+use flankwatch::store::{Scope, Token};
 use jiff::Timestamp;
 use tokio::runtime::{Builder, Runtime};
 

@@ -4,10 +4,11 @@ use clap::{Args, Subcommand};
 use jiff::Timestamp;
 
 use super::store_place::{StorePlace, runtime};
+use crate::asset::{from_json_name, json_name};
 use crate::cli::CliError;
 use crate::cli::output::print;
-use crate::http::{Scope, Token, Tokens};
-use crate::store::StoreSettings;
+use crate::http::Tokens;
+use crate::store::{Scope, StoreSettings, Token};
 
 /// Arguments of `flankwatch token`.
 #[derive(Debug, Clone, Args)]
@@ -24,8 +25,9 @@ enum Action {
     Create {
         /// Name that says what the token is for.
         name: String,
-        /// read: view; write: also send records, run replays, act on alarms and report maintenance; admin: also manage assets and tokens, and delete records.
-        #[arg(long, default_value = "read")]
+        /// read: view; write: also send records, run replays, act on alarms and report maintenance; admin: also
+        /// manage assets and tokens, and delete records.
+        #[arg(long, default_value = "read", value_parser = from_json_name::<Scope>)]
         scope: Scope,
     },
     /// List the tokens, without their secrets
@@ -58,7 +60,7 @@ pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
 
 fn table(tokens: &[Token]) -> String {
     let line = |token: &Token| {
-        format!("{}  {:5}  {:.0}  {}\n", token.id, token.scope.name(), token.created_at, token.name)
+        format!("{}  {:5}  {:.0}  {}\n", token.id, json_name(&token.scope), token.created_at, token.name)
     };
     tokens.iter().map(line).collect()
 }

@@ -10,48 +10,24 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::session::Caller;
-use super::token::{Scope, Token};
 use super::token_error::TokenError;
 use super::unreadable;
+use crate::asset::json_name;
 use crate::http::alarms::check_name;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body;
 use crate::http::request::query::{self, NameInPath, Page, PageParameters, Parameters};
+use crate::store::{Scope, Token};
 
 /// Maximum number of tokens: each request searches all of them.
 const MAX_TOKENS: usize = 1000;
-
-/// A token without its secret.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-#[schema(as = Token)]
-pub(crate) struct TokenView {
-    /// Identifier, the public part of the token.
-    id: String,
-    /// Name.
-    name: String,
-    /// Scope.
-    scope: Scope,
-    /// Creation time.
-    created_at: Timestamp,
-}
-
-impl From<&Token> for TokenView {
-    fn from(token: &Token) -> Self {
-        Self {
-            id: token.id.clone(),
-            name: token.name.clone(),
-            scope: token.scope,
-            created_at: token.created_at,
-        }
-    }
-}
 
 /// A new token. Must not be logged: it contains the secret.
 #[derive(Serialize, utoipa::ToSchema)]
 pub(crate) struct NewToken {
     #[serde(flatten)]
-    stored: TokenView,
+    stored: Token,
     /// The token itself; it cannot be retrieved later.
     #[schema(example = "fwt_1f0c77aa_…")]
     token: String,
@@ -76,20 +52,19 @@ pub(crate) struct TokenRequest {
     path = "/v1/tokens",
     tag = "service",
     params(PageParameters),
-    responses((status = 200, body = Page<TokenView>)),
+    responses((status = 200, body = Page<Token>)),
 )]
 pub(crate) async fn list(
     State(app): State<App>,
     Parameters(params): Parameters<PageParameters>,
-) -> Result<Json<Page<TokenView>>, Problem> {
+) -> Result<Json<Page<Token>>, Problem> {
     let limit = query::limit(params.limit)?;
     let after = query::place_cursor(params.cursor.as_deref())?;
     let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
     tokens.sort_by(|a, b| sort_key(a).cmp(&sort_key(b)));
     tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| sort_key(token) > (*time, id.as_str())));
-    let page = Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id));
-    Ok(Json(page.map(|token| TokenView::from(&token))))
+    Ok(Json(Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id))))
 }
 
 fn sort_key(token: &Token) -> (Timestamp, &str) {
@@ -123,7 +98,7 @@ pub(crate) async fn create(
     match &known {
         None if scope != Scope::Admin => {
             let expected = "admin for the first token: afterwards only an admin token can create others";
-            return Err(Problem::content("scope", scope.name(), expected));
+            return Err(Problem::content("scope", json_name(&scope), expected));
         }
         // The first token was created while this request, which has none, was being processed.
         Some(_) if caller.is_none() => {
@@ -143,8 +118,8 @@ pub(crate) async fn create(
     }
     let issued = tokens.issue(&name, scope, app.service.now()).await;
     let (token, stored) = issued.map_err(|error| unreadable(&error))?;
-    tracing::info!(token = stored.id, scope = scope.name(), by = by(caller.as_deref()), "created token");
-    let answer = NewToken { stored: TokenView::from(&stored), token };
+    tracing::info!(token = stored.id, scope = json_name(&scope), by = by(caller.as_deref()), "created token");
+    let answer = NewToken { stored, token };
     Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
 }
 

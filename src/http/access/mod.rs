@@ -22,9 +22,11 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::problem::Problem;
+use crate::asset::json_name;
+use crate::store::Scope;
 use rate::RateLimiter;
 use session::Caller;
-use token::{Scope, find};
+use token::find;
 use token_error::TokenError;
 use tokens::Tokens;
 
@@ -112,8 +114,8 @@ impl Access {
             let detail = format!(
                 "the token {} has scope {}, expected {}",
                 token.id,
-                token.scope.name(),
-                needed.name()
+                json_name(&token.scope),
+                json_name(&needed)
             );
             return Err(Problem::new(StatusCode::FORBIDDEN, detail));
         }

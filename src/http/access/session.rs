@@ -7,8 +7,8 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use serde::Serialize;
 
-use super::token::{Scope, Token};
 use crate::http::problem::Problem;
+use crate::store::{Scope, Token};
 
 const COOKIE: &str = "flankwatch_session";
 

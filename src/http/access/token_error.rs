@@ -19,14 +19,6 @@ pub enum TokenError {
     /// The database does not answer.
     #[error("tokens: the database does not answer")]
     Silent,
-    /// A stored token is invalid.
-    #[error("token {id}: {reason}")]
-    Stored {
-        /// The token.
-        id: String,
-        /// What is wrong.
-        reason: String,
-    },
 }
 
 impl TokenError {

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 
-use super::token::{Scope, Token, mint};
+use super::token::mint;
 use super::token_error::TokenError;
-use crate::store::{Store, TokenStore, TokensVersion};
+use crate::store::{Scope, Store, Token, TokenStore, TokensVersion};
 
 /// Maximum age of a node's cached tokens: after this time a created or revoked token is accepted or refused
 /// everywhere.
@@ -108,11 +108,7 @@ impl Tokens {
     }
 
     async fn read(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
-        let Some(stored) = self.store.tokens().await? else {
-            return Ok(None);
-        };
-        let tokens: Vec<Token> = stored.into_iter().map(Token::try_from).collect::<Result<_, _>>()?;
-        Ok(Some(Arc::new(tokens)))
+        Ok(self.store.tokens().await?.map(Arc::new))
     }
 
     /// Creates a token and returns it; it cannot be retrieved later.
@@ -129,7 +125,7 @@ impl Tokens {
     ) -> Result<(String, Token), TokenError> {
         loop {
             let (token, stored) = mint(name, scope, now)?;
-            if self.store.insert(&stored.clone().into()).await? {
+            if self.store.insert(&stored).await? {
                 self.invalidate();
                 return Ok((token, stored));
             }

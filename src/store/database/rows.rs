@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use sqlx::any::AnyRow;
 use sqlx::{Decode, Row, Type};
 
-use crate::asset::AssetId;
+use crate::asset::{AssetId, from_json_name};
 use crate::store::StoreError;
 
 /// The value of a column.
@@ -40,6 +40,16 @@ pub(in crate::store) fn get_json<T: DeserializeOwned>(
 ) -> Result<T, StoreError> {
     let text: String = get(row, column)?;
     from_json(&text, column, of)
+}
+
+/// The value whose name is in a column; `of` names the row in the error.
+pub(in crate::store) fn get_named<T: DeserializeOwned>(
+    row: &AnyRow,
+    column: &'static str,
+    of: &str,
+) -> Result<T, StoreError> {
+    let name: String = get(row, column)?;
+    from_json_name(&name).map_err(StoreError::damaged(column, of))
 }
 
 /// Decodes the JSON text of a column that is null in older rows.
