@@ -18,6 +18,7 @@
 //!
 //! | module | contents |
 //! | --- | --- |
+//! | [`settings`] | what settings of all modules share |
 //! | [`asset`] | the description of a monitored asset, and an analysed segment of its vibration |
 //! | [`report`] | an asset's HTML report |
 //! | [`store`] | database and raw-object storage: the only SQL and the only raw-object paths |
@@ -38,6 +39,7 @@ pub mod mqtt;
 pub mod notifications;
 pub mod report;
 pub mod service;
+pub mod settings;
 pub mod store;
 
 pub use flankwatch_gear as gear;

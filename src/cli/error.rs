@@ -18,6 +18,9 @@ pub enum CliError {
     /// An argument is invalid.
     #[error("{0}")]
     Argument(String),
+    /// A setting or an option cannot be used.
+    #[error(transparent)]
+    Setting(#[from] crate::settings::SettingError),
     /// Some files could not be analysed; each error was printed when it occurred.
     #[error("failed to read {failed} of {all} files completely")]
     SomeFailed {

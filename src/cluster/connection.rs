@@ -8,6 +8,7 @@ use async_nats::jetstream::{self, Context, ContextBuilder};
 use async_nats::{Client, ConnectOptions, Event};
 
 use super::{ClusterError, NatsCredentials, NatsSettings};
+use crate::settings::SettingError;
 
 /// The pattern of all subjects of a stream.
 pub(super) const ANY_SUBJECT: &str = ">";
@@ -48,7 +49,8 @@ impl NatsSettings {
             NatsCredentials::Token(token) => options.token(token.clone()),
             NatsCredentials::File(path) => {
                 let read = options.credentials_file(path).await;
-                read.map_err(|source| ClusterError::File { path: path.clone(), source })?
+                let field = "cluster.nats.credentials_file".to_owned();
+                read.map_err(|source| SettingError::File { field, path: path.clone(), source })?
             }
         };
         if let Some(ca) = &self.ca {

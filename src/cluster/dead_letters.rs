@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::connection::Connection;
 use super::partition::Source;
 use super::{ClusterError, message};
+use crate::settings::SettingError;
 use crate::store::RecordNote;
 
 /// Header with the reason why a record is a dead letter.
@@ -108,11 +109,10 @@ async fn stream(connection: &Connection) -> Result<Stream, ClusterError> {
 async fn message(stream: &Stream, number: u64) -> Result<StreamMessage, ClusterError> {
     match stream.get_raw_message(number).await {
         Ok(found) => Ok(found),
-        Err(error) if error.kind() == RawMessageErrorKind::NoMessageFound => Err(ClusterError::Setting {
-            field: "dead letter".to_owned(),
-            value: number.to_string(),
-            expected: "a number listed by `flankwatch dead-letters list`".to_owned(),
-        }),
+        Err(error) if error.kind() == RawMessageErrorKind::NoMessageFound => {
+            let expected = "a number listed by `flankwatch dead-letters list`";
+            Err(SettingError::new("dead letter", number, expected).into())
+        }
         Err(error) => Err(ClusterError::jetstream("read a dead letter")(error.into())),
     }
 }

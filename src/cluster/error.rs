@@ -1,41 +1,17 @@
 //! Errors of a cluster's processes.
 
-use std::path::PathBuf;
-
 use thiserror::Error;
 
 use crate::service::ServiceError;
+use crate::settings::SettingError;
 use crate::store::StoreError;
 
 /// Errors of a cluster's processes.
 #[derive(Debug, Error)]
 pub enum ClusterError {
-    /// A setting is invalid.
-    #[error("{field} is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
-        field: String,
-        /// Value of the setting.
-        value: String,
-        /// Description of a valid value.
-        expected: String,
-    },
-    /// A setting requires a feature that the program was built without.
-    #[error("{field} requires the feature `{feature}`, and this program was built without it")]
-    WithoutFeature {
-        /// Name of the setting.
-        field: &'static str,
-        /// The feature.
-        feature: &'static str,
-    },
-    /// A credentials file cannot be read.
-    #[error("failed to read {path}: {source}", path = path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    /// A setting cannot be used.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// No NATS server can be reached, or it rejects the connection.
     #[cfg(feature = "nats")]
     #[error("failed to connect to NATS at {urls}: {source}")]
@@ -78,14 +54,9 @@ pub(super) fn at_least<T: PartialOrd + std::fmt::Display>(
     field: &str,
     value: T,
     min: T,
-) -> Result<T, ClusterError> {
+) -> Result<T, SettingError> {
     if value < min {
-        return Err(invalid(field, value, &format!("at least {min}")));
+        return Err(SettingError::new(field, value, format!("at least {min}")));
     }
     Ok(value)
-}
-
-/// The error for an invalid setting.
-pub(super) fn invalid(field: &str, value: impl ToString, expected: &str) -> ClusterError {
-    ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }

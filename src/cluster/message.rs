@@ -7,6 +7,7 @@ use prost::Message;
 use super::ClusterError;
 use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
+use crate::settings::SettingError;
 use crate::signal::OperatingPoint;
 use crate::store::RecordNote;
 
@@ -80,11 +81,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
 }
 
 fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
-    i64::try_from(time.as_nanosecond()).map_err(|_| ClusterError::Setting {
-        field: field.to_owned(),
-        value: time.to_string(),
-        expected: "a time from 1677-09-21 to 2262-04-11".to_owned(),
-    })
+    i64::try_from(time.as_nanosecond())
+        .map_err(|_| SettingError::new(field, time, "a time from 1677-09-21 to 2262-04-11").into())
 }
 
 fn from_ns(ns: i64) -> Timestamp {

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::ClusterError;
-use super::error::{at_least, invalid};
+use super::error::at_least;
+use crate::settings::SettingError;
 
 /// Settings of the connection to NATS and of the cluster's streams.
 #[derive(Clone)]
@@ -109,20 +109,20 @@ impl NatsTable {
         name: String,
         password: Option<String>,
         token: Option<String>,
-    ) -> Result<NatsSettings, ClusterError> {
+    ) -> Result<NatsSettings, SettingError> {
         let expected = "addresses nats://host:4222 or tls://host:4222";
         if self.urls.is_empty() {
-            return Err(invalid("cluster.nats.urls", "missing", expected));
+            return Err(SettingError::new("cluster.nats.urls", "missing", expected));
         }
         if self.urls.iter().any(|url| url.contains('@')) {
             // The URL is not repeated: it may contain a password. The client library would not use it.
             let expected = "no user in it: set user and FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN or credentials_file";
-            return Err(invalid("cluster.nats.urls", "a URL with a user", expected));
+            return Err(SettingError::new("cluster.nats.urls", "a URL with a user", expected));
         }
         if let Some(url) =
             self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
         {
-            return Err(invalid("cluster.nats.urls", url, expected));
+            return Err(SettingError::new("cluster.nats.urls", url, expected));
         }
         let mut settings = NatsSettings::new(String::new(), name);
         settings.urls = self.urls;
@@ -134,26 +134,27 @@ impl NatsTable {
             (None, None, None, Some(token)) => NatsCredentials::Token(token),
             (None, Some(user), None, None) => {
                 let expected = "the user's password in FLANKWATCH_NATS_PASSWORD";
-                return Err(invalid("cluster.nats.user", user, expected));
+                return Err(SettingError::new("cluster.nats.user", user, expected));
             }
             (_, None, Some(_), _) => {
                 let expected = "the user of FLANKWATCH_NATS_PASSWORD";
-                return Err(invalid("cluster.nats.user", "missing", expected));
+                return Err(SettingError::new("cluster.nats.user", "missing", expected));
             }
             _ => {
                 let expected =
                     "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
-                return Err(invalid("cluster.nats", "given several credentials", expected));
+                return Err(SettingError::new("cluster.nats", "given several credentials", expected));
             }
         };
         if let Some(replicas) = self.replicas {
             if !(1..=5).contains(&replicas) {
-                return Err(invalid("cluster.nats.replicas", replicas, "1 to 5"));
+                return Err(SettingError::new("cluster.nats.replicas", replicas, "1 to 5"));
             }
             settings.replicas = replicas;
         }
         let count = |field, given: u64| {
-            i64::try_from(at_least(field, given, 1)?).map_err(|_| invalid(field, given, "less than 2^63"))
+            i64::try_from(at_least(field, given, 1)?)
+                .map_err(|_| SettingError::new(field, given, "less than 2^63"))
         };
         if let Some(max_records) = self.max_records {
             settings.max_records = count("cluster.nats.max_records", max_records)?;
@@ -172,7 +173,7 @@ impl NatsTable {
 }
 
 impl WorkerTable {
-    pub(super) fn resolve(self) -> Result<WorkerLimits, ClusterError> {
+    pub(super) fn resolve(self) -> Result<WorkerLimits, SettingError> {
         let mut limits = WorkerLimits::default();
         if let Some(at_once) = self.at_once {
             limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::error::{at_least, invalid};
+use super::error::at_least;
 use super::nats_settings::{NatsTable, WorkerTable};
-use super::{ClusterError, NatsSettings, WorkerLimits};
+use super::{NatsSettings, WorkerLimits};
+use crate::settings::SettingError;
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 
 /// Maximum length of a cluster's name in bytes; the name is the prefix of stream names.
@@ -75,13 +76,17 @@ impl ClusterTable {
     /// Resolves the table with the secrets of the environment.
     ///
     /// # Errors
-    /// [`ClusterError::Setting`] with the field, its value and what was expected.
-    pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
+    /// [`SettingError`] with the field, its value and what was expected.
+    pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, SettingError> {
         let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
         let is_valid =
             |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
         if name.is_empty() || name.len() > MAX_NAME || !is_valid(&name) {
-            return Err(invalid("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
+            return Err(SettingError::new(
+                "cluster.name",
+                name,
+                "1 to 64 characters of a-z, A-Z, 0-9, - and _",
+            ));
         }
         let objects = self.objects.resolve(&secrets)?;
         let mut store = self.database.resolve(secrets.database_url, objects)?;
@@ -99,15 +104,15 @@ impl DatabaseTable {
         self,
         secret_url: Option<String>,
         objects: ObjectsSettings,
-    ) -> Result<SharedSettings, ClusterError> {
+    ) -> Result<SharedSettings, SettingError> {
         let missing = "postgres://user:password@host/name, here or in FLANKWATCH_DATABASE_URL";
         let url = secret_url.or(self.url);
-        let url = url.ok_or_else(|| invalid("cluster.database.url", "missing", missing))?;
+        let url = url.ok_or_else(|| SettingError::new("cluster.database.url", "missing", missing))?;
         let is_postgres = url.starts_with("postgres://") || url.starts_with("postgresql://");
         if !is_postgres {
             // Only the scheme is repeated: the rest may contain a password.
             let scheme = url.split("://").next().unwrap_or_default();
-            return Err(invalid(
+            return Err(SettingError::new(
                 "cluster.database.url",
                 format!("{scheme}://…"),
                 "postgres://user:password@host/name",
@@ -129,8 +134,8 @@ impl DatabaseTable {
 }
 
 impl ObjectsTable {
-    fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, ClusterError> {
-        let lacks = |field, expected| Err(invalid(field, "missing", expected));
+    fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, SettingError> {
+        let lacks = |field, expected| Err(SettingError::new(field, "missing", expected));
         let credentials = match (&secrets.s3_access_key_id, &secrets.s3_secret_access_key) {
             (Some(id), Some(secret)) => {
                 Some(BucketCredentials { access_key_id: id.clone(), secret_access_key: secret.clone() })
@@ -160,28 +165,30 @@ impl ObjectsTable {
                     ("cluster.objects.prefix", &self.prefix),
                 ];
                 match of_bucket.into_iter().find_map(|(field, value)| Some((field, value.as_ref()?))) {
-                    Some((field, value)) => {
-                        Err(invalid(field, value, "no value with cluster.objects.folder, only with a bucket"))
-                    }
+                    Some((field, value)) => Err(SettingError::new(
+                        field,
+                        value,
+                        "no value with cluster.objects.folder, only with a bucket",
+                    )),
                     None => Ok(ObjectsSettings::Folder(folder.clone())),
                 }
             }
             (None, None) => lacks("cluster.objects", "a bucket, or a folder that every process can access"),
             (Some(_), Some(_)) => {
-                Err(invalid("cluster.objects", "a bucket and a folder", "only one of them"))
+                Err(SettingError::new("cluster.objects", "a bucket and a folder", "only one of them"))
             }
         }
     }
 }
 
 #[cfg(feature = "s3")]
-fn in_bucket(settings: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
+fn in_bucket(settings: BucketSettings) -> Result<ObjectsSettings, SettingError> {
     Ok(ObjectsSettings::Bucket(settings))
 }
 
 #[cfg(not(feature = "s3"))]
-fn in_bucket(_: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
-    Err(ClusterError::WithoutFeature { field: "cluster.objects.bucket", feature: "s3" })
+fn in_bucket(_: BucketSettings) -> Result<ObjectsSettings, SettingError> {
+    Err(SettingError::WithoutFeature { field: "cluster.objects.bucket", feature: "s3" })
 }
 
 #[cfg(all(test, feature = "cluster"))]

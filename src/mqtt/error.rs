@@ -4,29 +4,14 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::settings::SettingError;
+
 /// Errors of the MQTT settings and of the files they name.
 #[derive(Debug, Error)]
 pub enum MqttError {
-    /// A setting is invalid.
-    #[error("mqtt.{field} is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
-        field: &'static str,
-        /// Value of the setting.
-        value: String,
-        /// Description of a valid value.
-        expected: &'static str,
-    },
-    /// A file cannot be read.
-    #[error("mqtt.{field}: failed to read {path}: {source}", path = path.display())]
-    File {
-        /// Setting that names the file.
-        field: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    /// A setting cannot be used.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// Certificates or a key are invalid.
     #[error("mqtt.{field}: cannot use {path} for TLS: {reason}", path = path.display())]
     Tls {
@@ -43,10 +28,6 @@ pub enum MqttError {
 }
 
 impl MqttError {
-    pub(super) fn setting(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
-        Self::Setting { field, value: value.to_string(), expected }
-    }
-
     pub(super) fn tls(field: &'static str, path: &Path, reason: impl ToString) -> Self {
         Self::Tls { field, path: path.to_path_buf(), reason: reason.to_string() }
     }

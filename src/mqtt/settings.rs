@@ -1,6 +1,6 @@
 //! The table `[mqtt]` of the settings file.
 
-use std::fs;
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use super::error::MqttError;
 use super::tls::TlsFiles;
+use crate::settings::{Secret, SettingError};
 
 /// Maximum packet size of MQTT: a message that is too large for a record must still be read, so that its
 /// sender gets a rejection.
@@ -84,13 +85,7 @@ pub struct MqttSettings {
 #[derive(Clone)]
 struct Login {
     username: String,
-    password: Password,
-}
-
-#[derive(Clone)]
-enum Password {
-    Text(String),
-    File(PathBuf),
+    password: Secret,
 }
 
 impl MqttTable {
@@ -98,11 +93,15 @@ impl MqttTable {
     /// service accepts.
     ///
     /// # Errors
-    /// [`MqttError::Setting`] with the setting, its value and what was expected.
-    pub fn resolve(self, credentials: MqttCredentials, max_bytes: usize) -> Result<MqttSettings, MqttError> {
+    /// [`SettingError`] with the setting, its value and what was expected.
+    pub fn resolve(
+        self,
+        credentials: MqttCredentials,
+        max_bytes: usize,
+    ) -> Result<MqttSettings, SettingError> {
         let url = self.url.unwrap_or_default();
         let (is_tls, host, port) = parse_url(&url)?;
-        let lacks = |field| Err(MqttError::setting(field, "missing", "both certificate and key or neither"));
+        let lacks = |field| Err(invalid(field, "missing", "both certificate and key or neither"));
         let client = match (self.certificate, self.key) {
             (None, None) => None,
             (Some(certificate), Some(key)) => Some((certificate, key)),
@@ -111,7 +110,7 @@ impl MqttTable {
         };
         let tls = TlsFiles { ca_file: self.ca_file, client };
         if !is_tls && (tls.ca_file.is_some() || tls.client.is_some()) {
-            return Err(MqttError::setting("url", url, "mqtts://…, where certificates are given"));
+            return Err(invalid("url", url, "mqtts://…, where certificates are given"));
         }
         let share = self.share;
         let client_id = match (credentials.client_id.or(self.client_id), &share) {
@@ -120,7 +119,7 @@ impl MqttTable {
             (None, Some(_)) => {
                 let expected =
                     "a unique name for each node of the shared subscription, the same after a restart";
-                return Err(MqttError::setting("client_id", "missing", expected));
+                return Err(invalid("client_id", "missing", expected));
             }
         };
         let settings = MqttSettings {
@@ -142,32 +141,32 @@ impl MqttTable {
 }
 
 impl MqttSettings {
-    fn check(&self, max_bytes: usize) -> Result<(), MqttError> {
+    fn check(&self, max_bytes: usize) -> Result<(), SettingError> {
         let is_level = |name: &str| !name.is_empty() && !name.contains(['+', '#', '\0']);
         if !is_level(&self.root) || self.root.starts_with('$') {
-            return Err(MqttError::setting("root", &self.root, "levels of a topic without + and #"));
+            return Err(invalid("root", &self.root, "levels of a topic without + and #"));
         }
         if let Some(share) = self.share.as_deref().filter(|share| !is_level(share) || share.contains('/')) {
-            return Err(MqttError::setting("share", share, "a name without /, + and #"));
+            return Err(invalid("share", share, "a name without /, + and #"));
         }
         if !(1..=1024).contains(&self.in_flight) {
-            return Err(MqttError::setting("in_flight", self.in_flight, "1 to 1024 messages"));
+            return Err(invalid("in_flight", self.in_flight, "1 to 1024 messages"));
         }
         if !(1..=max_bytes).contains(&self.message_bytes) {
             let expected = "at least 1 and at most limits.record_bytes";
-            return Err(MqttError::setting("message_bytes", self.message_bytes, expected));
+            return Err(invalid("message_bytes", self.message_bytes, expected));
         }
         if self.session_expiry_s == 0 {
             let expected =
                 "at least 1: without a session the broker keeps no messages while the service is down";
-            return Err(MqttError::setting("session_expiry_s", 0, expected));
+            return Err(invalid("session_expiry_s", 0, expected));
         }
         // The client library's minimum.
         if self.keep_alive.as_secs() < 5 {
-            return Err(MqttError::setting("keep_alive_s", self.keep_alive.as_secs(), "at least 5"));
+            return Err(invalid("keep_alive_s", self.keep_alive.as_secs(), "at least 5"));
         }
         if self.client_id.is_empty() || self.client_id.len() > 128 {
-            return Err(MqttError::setting("client_id", &self.client_id, "a name of 1 to 128 bytes"));
+            return Err(invalid("client_id", &self.client_id, "a name of 1 to 128 bytes"));
         }
         Ok(())
     }
@@ -196,7 +195,7 @@ impl MqttSettings {
             .set_connect_properties(properties)
             .set_network_options(network);
         if let Some(login) = &self.login {
-            options.set_credentials(&login.username, login.password.read()?);
+            options.set_credentials(&login.username, login.password.text()?);
         }
         if let Some(tls) = &self.tls {
             options.set_transport(Transport::tls_with_config(tls.config()?.into()));
@@ -205,60 +204,48 @@ impl MqttSettings {
     }
 }
 
-impl Password {
-    fn read(&self) -> Result<String, MqttError> {
-        match self {
-            Self::Text(password) => Ok(password.clone()),
-            Self::File(path) => {
-                let text = fs::read_to_string(path).map_err(|source| MqttError::File {
-                    field: "password_file",
-                    path: path.clone(),
-                    source,
-                })?;
-                Ok(text.trim_end_matches(['\r', '\n']).to_owned())
-            }
-        }
-    }
-}
-
 fn login(
     username: Option<String>,
     password: Option<String>,
     file: Option<PathBuf>,
-) -> Result<Option<Login>, MqttError> {
-    let password = password.map(Password::Text).or(file.map(Password::File));
+) -> Result<Option<Login>, SettingError> {
+    let password = Secret::new("mqtt.password_file".to_owned(), password, file);
     match (username, password) {
         (None, None) => Ok(None),
         (Some(username), Some(password)) => Ok(Some(Login { username, password })),
-        (Some(_), None) => Err(MqttError::setting("password_file", "missing", "a password for the user")),
-        (None, Some(_)) => Err(MqttError::setting("username", "missing", "the user of the password")),
+        (Some(_), None) => Err(invalid("password_file", "missing", "a password for the user")),
+        (None, Some(_)) => Err(invalid("username", "missing", "the user of the password")),
     }
 }
 
 /// Parses a URL into whether it uses TLS, the host and the port.
-fn parse_url(url: &str) -> Result<(bool, String, u16), MqttError> {
+fn parse_url(url: &str) -> Result<(bool, String, u16), SettingError> {
     const EXPECTED: &str = "mqtt://host[:port] or mqtts://host[:port]";
-    let invalid = |value: &str| MqttError::setting("url", value, EXPECTED);
+    let unusable = |value: &str| invalid("url", value, EXPECTED);
     if url.is_empty() {
-        return Err(invalid("missing"));
+        return Err(unusable("missing"));
     }
-    let uri: Uri = url.parse().map_err(|_| invalid(url))?;
-    let authority = uri.authority().ok_or_else(|| invalid(url))?;
+    let uri: Uri = url.parse().map_err(|_| unusable(url))?;
+    let authority = uri.authority().ok_or_else(|| unusable(url))?;
     if authority.as_str().contains('@') {
         // The URL is not repeated in the message: it may contain a password.
         let expected = "no user in it: set FLANKWATCH_MQTT_USERNAME and FLANKWATCH_MQTT_PASSWORD, or username and password_file";
-        return Err(MqttError::setting("url", "a URL with a user", expected));
+        return Err(invalid("url", "a URL with a user", expected));
     }
     let is_tls = match uri.scheme_str() {
         Some("mqtt") => false,
         Some("mqtts") => true,
-        _ => return Err(invalid(url)),
+        _ => return Err(unusable(url)),
     };
     if uri.host().is_none_or(str::is_empty) || !matches!(uri.path(), "" | "/") || uri.query().is_some() {
-        return Err(invalid(url));
+        return Err(unusable(url));
     }
     let port = authority.port_u16().unwrap_or(if is_tls { 8883 } else { 1883 });
     Ok((is_tls, authority.host().to_owned(), port))
+}
+
+fn invalid(field: &str, value: impl Display, expected: &str) -> SettingError {
+    SettingError::new(format!("mqtt.{field}"), value, expected)
 }
 
 #[cfg(test)]

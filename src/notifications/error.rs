@@ -1,35 +1,17 @@
 //! Errors of notifications.
 
-use std::path::PathBuf;
-
 use thiserror::Error;
 
 use crate::service::ServiceError;
+use crate::settings::SettingError;
 use crate::store::StoreError;
 
 /// Errors of the notification settings and of sending a notification.
 #[derive(Debug, Error)]
 pub enum NotificationError {
-    /// A setting is invalid.
-    #[error("notifications.{field} is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
-        field: String,
-        /// Value of the setting.
-        value: String,
-        /// Description of a valid value.
-        expected: String,
-    },
-    /// A file of the settings cannot be read.
-    #[error("notifications.{field}: failed to read {path}: {source}", path = path.display())]
-    File {
-        /// Name of the setting.
-        field: String,
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    /// A setting cannot be used.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// The receiver of a webhook could not be reached or did not respond.
     #[error("the webhook request failed: {0}")]
     Request(#[from] Box<ureq::Error>),
@@ -54,14 +36,4 @@ pub enum NotificationError {
     /// A blocking task failed.
     #[error(transparent)]
     Service(#[from] ServiceError),
-}
-
-impl NotificationError {
-    pub(super) fn setting(
-        field: impl Into<String>,
-        value: impl ToString,
-        expected: impl Into<String>,
-    ) -> Self {
-        Self::Setting { field: field.into(), value: value.to_string(), expected: expected.into() }
-    }
 }

@@ -10,7 +10,7 @@ use lettre::{AsyncSmtpTransport, AsyncTransport, Tokio1Executor};
 
 use super::error::NotificationError;
 use super::message::Message;
-use super::secret::Secret;
+use crate::settings::Secret;
 
 /// Encryption of the connection to a mail server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,7 +9,6 @@
 mod error;
 mod mail;
 mod message;
-mod secret;
 mod sender;
 mod settings;
 mod webhook;

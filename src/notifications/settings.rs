@@ -1,6 +1,5 @@
 //! The table `[notifications]` of the settings file.
 
-use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -9,13 +8,13 @@ use jiff::SignedDuration;
 use lettre::message::Mailbox;
 use lettre::transport::smtp::client::Certificate;
 use serde::Deserialize;
-use ureq::tls::{PemItem, RootCerts, parse_pem};
+use ureq::tls::RootCerts;
 
 use super::error::NotificationError;
 use super::mail::{Encryption, Mail};
-use super::secret::Secret;
-use super::webhook::Webhook;
+use super::webhook::{self, Webhook};
 use crate::estimate::Severity;
+use crate::settings::{Secret, SettingError, certificates};
 use crate::store::{Recipient, Recipients};
 
 /// Timeout of an attempt.
@@ -91,13 +90,13 @@ impl NotificationsTable {
         let mut transports = Vec::new();
         let env_secret = |name: &str| secret(&name.to_ascii_uppercase().replace('-', "_"));
         for table in self.webhook {
-            let field = format!("webhook.{}", table.name);
+            let field = format!("notifications.webhook.{}", table.name);
             add(&mut recipients, &field, &table.name, table.at_least)?;
             let from_env = env_secret(&table.name);
             transports.push((table.name.clone(), Transport::Webhook(table.resolve(&field, from_env)?)));
         }
         for table in self.mail {
-            let field = format!("mail.{}", table.name);
+            let field = format!("notifications.mail.{}", table.name);
             add(&mut recipients, &field, &table.name, table.at_least)?;
             let from_env = env_secret(&table.name);
             transports
@@ -106,7 +105,8 @@ impl NotificationsTable {
         let dashboard_url = match self.dashboard_url {
             Some(url) if is_web_url(&url) => Some(url.trim_end_matches('/').to_owned()),
             Some(url) => {
-                return Err(NotificationError::setting("dashboard_url", url, "http://… or https://…"));
+                let expected = "http://… or https://…";
+                return Err(SettingError::new("notifications.dashboard_url", url, expected).into());
             }
             None => None,
         };
@@ -127,18 +127,18 @@ fn add(
     field: &str,
     name: &str,
     at_least: Option<Severity>,
-) -> Result<(), NotificationError> {
+) -> Result<(), SettingError> {
     let is_valid = (1..=40).contains(&name.len())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
     if !is_valid {
         let expected = "1 to 40 lower-case letters, digits and -";
-        return Err(NotificationError::setting(format!("{field}.name"), format!("{name:?}"), expected));
+        return Err(SettingError::new(format!("{field}.name"), format!("{name:?}"), expected));
     }
     if recipients.list.iter().any(|other| other.name == name) {
-        return Err(NotificationError::setting(format!("{field}.name"), name, "a unique name"));
+        return Err(SettingError::new(format!("{field}.name"), name, "a unique name"));
     }
     if recipients.list.len() == MAX_RECIPIENTS {
-        return Err(NotificationError::setting(field, "recipient 101", "at most 100 recipients"));
+        return Err(SettingError::new(field, "recipient 101", "at most 100 recipients"));
     }
     let at_least = at_least.unwrap_or(Severity::Warning);
     recipients.list.push(Recipient { name: name.to_owned(), at_least });
@@ -146,20 +146,20 @@ fn add(
 }
 
 impl WebhookTable {
-    fn resolve(self, field: &str, from_env: Option<String>) -> Result<Webhook, NotificationError> {
+    fn resolve(self, field: &str, from_env: Option<String>) -> Result<Webhook, SettingError> {
         if !is_web_url(&self.url) {
             // The value is not repeated: it may contain a password.
             let expected = "http://host… or https://host… without a user";
-            return Err(NotificationError::setting(format!("{field}.url"), "invalid", expected));
+            return Err(SettingError::new(format!("{field}.url"), "invalid", expected));
         }
         let secret_field = format!("{field}.secret_file");
         let secret = Secret::new(secret_field.clone(), from_env, self.secret_file)
-            .ok_or_else(|| NotificationError::setting(secret_field, "missing", "a file with the secret"))?;
+            .ok_or_else(|| SettingError::new(secret_field, "missing", "a file with the secret"))?;
         // Reports an invalid key at the start instead of with each attempt.
-        secret.key()?;
-        let authorities = match certificates(field, self.ca_file)? {
+        webhook::key(&secret)?;
+        let authorities = match &self.ca_file {
             None => RootCerts::WebPki,
-            Some(list) => RootCerts::from(list),
+            Some(path) => RootCerts::from(certificates(&format!("{field}.ca_file"), path)?),
         };
         Ok(Webhook::new(self.url, secret, authorities, TIMEOUT))
     }
@@ -171,19 +171,19 @@ impl MailTable {
         let mailbox = |name: &str, address: &str| {
             let invalid = |_| {
                 let expected = "an address, someone@host or Name <someone@host>";
-                NotificationError::setting(format!("{field}.{name}"), address, expected)
+                SettingError::new(format!("{field}.{name}"), address, expected)
             };
             address.parse::<Mailbox>().map_err(invalid)
         };
         if self.to.is_empty() {
-            return Err(NotificationError::setting(format!("{field}.to"), "empty", "at least one address"));
+            return Err(SettingError::new(format!("{field}.to"), "empty", "at least one address").into());
         }
         let password = Secret::new(format!("{field}.password_file"), from_env, self.password_file);
         let login = match (self.username, password) {
             (None, None) => None,
             (Some(_), Some(_)) if encryption == Encryption::None => {
                 let expected = "smtps:// or smtp://, as there is a password";
-                return Err(NotificationError::setting(format!("{field}.server"), self.server, expected));
+                return Err(SettingError::new(format!("{field}.server"), self.server, expected).into());
             }
             (Some(user), Some(password)) => {
                 password.text()?;
@@ -191,20 +191,17 @@ impl MailTable {
             }
             (Some(_), None) => {
                 let expected = "a file with the user's password";
-                return Err(NotificationError::setting(
-                    format!("{field}.password_file"),
-                    "missing",
-                    expected,
-                ));
+                return Err(SettingError::new(format!("{field}.password_file"), "missing", expected).into());
             }
             (None, Some(_)) => {
                 let expected = "the user of the password";
-                return Err(NotificationError::setting(format!("{field}.username"), "missing", expected));
+                return Err(SettingError::new(format!("{field}.username"), "missing", expected).into());
             }
         };
-        let authorities = match certificates(field, self.ca_file)? {
+        let authorities = match &self.ca_file {
             None => None,
-            Some(list) => {
+            Some(path) => {
+                let list = certificates(&format!("{field}.ca_file"), path)?;
                 let ders = list.iter().map(|certificate| Certificate::from_der(certificate.der().to_vec()));
                 Some(ders.collect::<Result<_, _>>()?)
             }
@@ -234,11 +231,11 @@ fn is_web_url(url: &str) -> bool {
 }
 
 /// Parses the URL of a mail server into encryption, host and port.
-fn parse_server(field: &str, url: &str) -> Result<(Encryption, String, u16), NotificationError> {
+fn parse_server(field: &str, url: &str) -> Result<(Encryption, String, u16), SettingError> {
     let invalid = || {
         let expected = "smtps://host[:465], smtp://host[:587] with STARTTLS, or smtp+plain://host[:25]";
         // The value is not repeated: it may contain a password.
-        NotificationError::setting(field, "invalid", expected)
+        SettingError::new(field, "invalid", expected)
     };
     let uri: Uri = url.parse().map_err(|_| invalid())?;
     let (encryption, port) = match uri.scheme_str() {
@@ -255,29 +252,6 @@ fn parse_server(field: &str, url: &str) -> Result<(Encryption, String, u16), Not
     // An IPv6 address is resolved without its brackets.
     let host = authority.host().trim_matches(['[', ']']);
     Ok((encryption, host.to_owned(), authority.port_u16().unwrap_or(port)))
-}
-
-/// Reads the certificates of a file; `None` without a file.
-fn certificates(
-    field: &str,
-    file: Option<PathBuf>,
-) -> Result<Option<Vec<ureq::tls::Certificate<'static>>>, NotificationError> {
-    let Some(path) = file else { return Ok(None) };
-    let field = format!("{field}.ca_file");
-    let bytes = fs::read(&path).map_err(|source| NotificationError::File {
-        field: field.clone(),
-        path: path.clone(),
-        source,
-    })?;
-    let certificates = parse_pem(&bytes).filter_map(|item| match item {
-        Ok(PemItem::Certificate(certificate)) => Some(certificate),
-        _ => None,
-    });
-    let certificates: Vec<_> = certificates.collect();
-    if certificates.is_empty() {
-        return Err(NotificationError::setting(field, path.display(), "a PEM file with a certificate"));
-    }
-    Ok(Some(certificates))
 }
 
 #[cfg(test)]

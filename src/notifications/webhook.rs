@@ -9,7 +9,13 @@ use ring::hmac;
 use ureq::tls::{RootCerts, TlsConfig};
 
 use super::error::NotificationError;
-use super::secret::Secret;
+use crate::settings::{Secret, SettingError};
+
+/// Prefix of a webhook's secret, by Standard Webhooks.
+const PREFIX: &str = "whsec_";
+
+/// Length of a webhook's key in bytes.
+const KEY_BYTES: std::ops::RangeInclusive<usize> = 24..=64;
 
 /// A receiver of webhooks.
 #[derive(Clone)]
@@ -36,7 +42,7 @@ impl Webhook {
     /// Sends a body under an identifier. Blocks.
     pub(super) fn send(&self, id: &str, body: &str, now: Timestamp) -> Result<(), NotificationError> {
         let seconds = now.as_second();
-        let signature = signature(&self.secret.key()?, id, seconds, body);
+        let signature = signature(&key(&self.secret)?, id, seconds, body);
         let answer = self
             .agent
             .post(&self.url)
@@ -49,6 +55,17 @@ impl Webhook {
         let status = answer.status();
         if status.is_success() { Ok(()) } else { Err(NotificationError::Status(status.as_u16())) }
     }
+}
+
+/// Decodes the key of the signature.
+pub(super) fn key(secret: &Secret) -> Result<Vec<u8>, SettingError> {
+    let text = secret.text()?;
+    let key = text.strip_prefix(PREFIX).and_then(|text| STANDARD.decode(text).ok());
+    key.filter(|key| KEY_BYTES.contains(&key.len())).ok_or_else(|| {
+        // The value is not repeated: it is a secret.
+        let expected = "whsec_ and 24 to 64 bytes in base64, as from `echo whsec_$(openssl rand -base64 32)`";
+        SettingError::new(&secret.field, "invalid", expected)
+    })
 }
 
 /// Returns the signature: HMAC-SHA256 of identifier, time and body.

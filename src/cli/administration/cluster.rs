@@ -52,11 +52,7 @@ impl ClusterPlace {
     pub(super) fn refuse(&self, command: &'static str) -> Result<(), CliError> {
         // The settings file is not read.
         let _ = &self.config;
-        Err(crate::cli::service::serve_error::ServeError::WithoutFeature {
-            what: command,
-            feature: "cluster",
-        }
-        .into())
+        Err(crate::settings::SettingError::WithoutFeature { field: command, feature: "cluster" }.into())
     }
 }
 

@@ -1,13 +1,14 @@
 //! The server that a command sends requests to.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
+use ureq::tls::{RootCerts, TlsConfig};
 
 use crate::asset::AssetId;
 use crate::cli::CliError;
+use crate::settings::certificates;
 
 /// Timeout of a request that may change or list many records.
 pub(super) const TIMEOUT: Duration = Duration::from_secs(600);
@@ -29,10 +30,14 @@ pub(super) struct ServerArgs {
 impl ServerArgs {
     /// Returns a client whose requests end after `timeout`.
     pub(super) fn agent(&self, timeout: Duration) -> Result<ureq::Agent, CliError> {
+        let authorities = match &self.ca {
+            None => RootCerts::WebPki,
+            Some(file) => RootCerts::from(certificates("--ca", file)?),
+        };
         Ok(ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(timeout))
-            .tls_config(TlsConfig::builder().root_certs(root_certificates(self.ca.as_deref())?).build())
+            .tls_config(TlsConfig::builder().root_certs(authorities).build())
             .build()
             .into())
     }
@@ -60,24 +65,6 @@ fn server_url(text: &str) -> Result<String, String> {
         true => Ok(text.to_owned()),
         false => Err("expected a URL with http:// or https:// such as http://127.0.0.1:8600".to_owned()),
     }
-}
-
-/// Returns the CA certificates of a file, or the public ones.
-fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
-    let Some(file) = file else {
-        return Ok(RootCerts::WebPki);
-    };
-    let bytes = std::fs::read(file).map_err(CliError::file(file))?;
-    let certificates = parse_pem(&bytes).filter_map(|item| match item {
-        Ok(PemItem::Certificate(certificate)) => Some(certificate),
-        _ => None,
-    });
-    let certificates: Vec<_> = certificates.collect();
-    if certificates.is_empty() {
-        let path = file.display();
-        return Err(CliError::Argument(format!("--ca is {path}, expected a PEM file with a certificate")));
-    }
-    Ok(RootCerts::from(certificates))
 }
 
 /// Describes an unsuccessful answer: its status, and the detail of the problem if its body is one.

@@ -2,10 +2,9 @@
 
 use clap::Args;
 
-#[cfg(not(feature = "mqtt"))]
-use super::serve_error::ServeError;
 #[cfg(feature = "mqtt")]
-use crate::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
+use crate::mqtt::{MqttCredentials, MqttSettings, MqttTable};
+use crate::settings::SettingError;
 
 /// Records from an MQTT broker.
 #[derive(Debug, Clone, Default, Args)]
@@ -20,10 +19,10 @@ pub(in crate::cli) struct MqttArgs {
 #[cfg(not(feature = "mqtt"))]
 impl MqttArgs {
     /// Returns an error if a broker is given, as this program was built without MQTT.
-    pub(super) fn refuse(&self) -> Result<(), ServeError> {
+    pub(super) fn refuse(&self) -> Result<(), SettingError> {
         match &self.url {
             None => Ok(()),
-            Some(_) => Err(ServeError::WithoutFeature { what: "--mqtt", feature: "mqtt" }),
+            Some(_) => Err(SettingError::WithoutFeature { field: "--mqtt", feature: "mqtt" }),
         }
     }
 }
@@ -36,7 +35,7 @@ impl MqttArgs {
         &self,
         table: Option<MqttTable>,
         max_bytes: usize,
-    ) -> Result<Option<MqttSettings>, MqttError> {
+    ) -> Result<Option<MqttSettings>, SettingError> {
         if table.is_none() && self.url.is_none() {
             return Ok(None);
         }

@@ -19,6 +19,7 @@ use crate::http::{ServiceConfig, TlsFiles, start};
 use crate::mqtt::{MqttFeed, MqttTable};
 use crate::notifications::{NotificationError, NotificationSettings, NotificationsTable, Notifier};
 use crate::service::{OldResults, RawQuotas, SystemClock};
+use crate::settings::SettingError;
 
 /// Arguments of `flankwatch serve`.
 #[derive(Debug, Clone, Default, Args)]
@@ -145,8 +146,8 @@ impl ServeArgs {
         config.tls = match (certificate, self.tls_key.clone().or(file.tls_key)) {
             (Some(certificate), Some(key)) => Some(TlsFiles { certificate, key }),
             (None, None) => None,
-            (Some(_), None) => return Err(ServeError::Tls("tls_key")),
-            (None, Some(_)) => return Err(ServeError::Tls("tls_certificate")),
+            (Some(_), None) => return Err(without_its_pair("tls_key").into()),
+            (None, Some(_)) => return Err(without_its_pair("tls_certificate").into()),
         };
         config.insecure_no_tokens = self.insecure_no_tokens || file.insecure_no_tokens;
         config.host_names = if self.host_name.is_empty() { file.host_names } else { self.host_name.clone() };
@@ -168,13 +169,13 @@ impl ServeArgs {
         }
         #[cfg(not(feature = "postgres"))]
         if file.cluster.is_some() {
-            let what = "the table cluster of the settings file";
-            return Err(ServeError::WithoutFeature { what, feature: "cluster" });
+            let field = "the table cluster of the settings file";
+            return Err(SettingError::WithoutFeature { field, feature: "cluster" }.into());
         }
         #[cfg(not(feature = "mqtt"))]
         if file.mqtt.is_some() {
-            let what = "the table mqtt of the settings file";
-            return Err(ServeError::WithoutFeature { what, feature: "mqtt" });
+            let field = "the table mqtt of the settings file";
+            return Err(SettingError::WithoutFeature { field, feature: "mqtt" }.into());
         }
         Ok(Resolved {
             #[cfg(feature = "postgres")]
@@ -206,6 +207,11 @@ impl ConfigFile {
         toml::from_str(&text)
             .map_err(|source| ServeError::Config { path: path.to_path_buf(), source: Box::new(source) })
     }
+}
+
+fn without_its_pair(field: &str) -> SettingError {
+    let expected = "both tls_certificate and tls_key or neither";
+    SettingError::new(format!("settings file: {field}"), "missing", expected)
 }
 
 impl LimitsTable {
@@ -246,8 +252,8 @@ pub(in crate::cli) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let notifications = resolved.notifications()?;
     #[cfg(all(feature = "postgres", not(feature = "nats")))]
     if resolved.cluster.is_some() {
-        let what = "serving with the table cluster of the settings file";
-        return Err(ServeError::WithoutFeature { what, feature: "nats" });
+        let field = "serving with the table cluster of the settings file";
+        return Err(SettingError::WithoutFeature { field, feature: "nats" }.into());
     }
     #[cfg(not(feature = "mqtt"))]
     args.mqtt.refuse()?;

@@ -8,6 +8,7 @@ use crate::http::StartError;
 #[cfg(feature = "mqtt")]
 use crate::mqtt::MqttError;
 use crate::notifications::NotificationError;
+use crate::settings::SettingError;
 
 /// Errors that keep the service from starting or running.
 #[derive(Debug, Error)]
@@ -28,25 +29,15 @@ pub enum ServeError {
         /// The parser's error, with the position.
         source: Box<toml::de::Error>,
     },
-    /// Only one of the certificate and its key is set.
-    #[error("settings file: {0} is missing, expected both tls_certificate and tls_key or neither")]
-    Tls(&'static str),
+    /// A setting cannot be used.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// The process could not start the runtime, write its output or wait for signals.
     #[error("failed to start: {0}")]
     Process(#[from] std::io::Error),
     /// The service could not be started, or stopped by itself.
     #[error(transparent)]
     Service(#[from] StartError),
-    /// The program was built without a required feature.
-    #[error(
-        "{what} requires the feature `{feature}`, and this program was built without it: cargo build --release --features {feature}"
-    )]
-    WithoutFeature {
-        /// The option, table or command.
-        what: &'static str,
-        /// The feature.
-        feature: &'static str,
-    },
     /// The settings file has no table `cluster`.
     #[cfg(feature = "nats")]
     #[error(

@@ -23,7 +23,7 @@ pub(in crate::cli) struct WorkArgs {
 
 #[cfg(not(feature = "nats"))]
 pub(in crate::cli) fn run(_args: &WorkArgs) -> Result<(), ServeError> {
-    Err(ServeError::WithoutFeature { what: "flankwatch work", feature: "cluster" })
+    Err(crate::settings::SettingError::WithoutFeature { field: "flankwatch work", feature: "cluster" }.into())
 }
 
 /// Works until Ctrl-C or SIGTERM.

@@ -25,6 +25,7 @@ use super::router::router;
 use super::uploads::resumable;
 use crate::library::GridSettings;
 use crate::service::{Clock, Role, Service, ServiceFolders, WorkLimits, WorkQueue};
+use crate::settings::SettingError;
 use crate::store::{Recipients, Store, StoreSettings};
 use connections::TlsFiles;
 use limits::HttpLimits;
@@ -142,11 +143,8 @@ async fn start_as(
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, StartError> {
     if config.http.record_bytes > config.work.bytes_at_once {
-        return Err(StartError::Setting {
-            field: "limits.record_bytes",
-            value: config.http.record_bytes.to_string(),
-            expected: format!("at most limits.bytes_at_once, {}", config.work.bytes_at_once),
-        });
+        let expected = format!("at most limits.bytes_at_once, {}", config.work.bytes_at_once);
+        return Err(SettingError::new("limits.record_bytes", config.http.record_bytes, expected).into());
     }
     let tokens = match &opened {
         None | Some(Opened::Store(_)) => Tokens::of(&config.data_dir),

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::http::access::token_error::TokenError;
 use crate::service::ServiceError;
+use crate::settings::SettingError;
 use crate::store::StoreError;
 
 /// Why the service could not start or stopped.
@@ -49,15 +50,8 @@ pub enum StartError {
         reason: String,
     },
     /// A setting conflicts with another.
-    #[error("{field} is {value}, expected {expected}")]
-    Setting {
-        /// The setting.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What was expected.
-        expected: String,
-    },
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// The server stopped unexpectedly.
     #[error("the server stopped: {0}")]
     Stopped(String),
