@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::app::App;
 use super::problem::Problem;
-use super::request::body::Described;
-use super::request::query::{self, NameInPath, Page, PageParameters, Parameters};
+use super::request::body::JsonBody;
+use super::request::query::{self, NamePath, Page, PageParameters, Parameters};
 use crate::service::{Replay, ReplayFile, ReplayRequest};
 
 /// Start a replay
@@ -30,7 +30,7 @@ use crate::service::{Replay, ReplayFile, ReplayRequest};
 )]
 pub(super) async fn start(
     State(app): State<App>,
-    Described(request): Described<ReplayRequest>,
+    JsonBody(request): JsonBody<ReplayRequest>,
 ) -> Result<impl IntoResponse, Problem> {
     let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
@@ -93,10 +93,7 @@ pub(super) async fn list(
     tag = "replays",
     responses((status = 200, body = Replay)),
 )]
-pub(super) async fn show(
-    State(app): State<App>,
-    NameInPath(id): NameInPath,
-) -> Result<Json<Replay>, Problem> {
+pub(super) async fn show(State(app): State<App>, NamePath(id): NamePath) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.service.replays.get(&id)?)))
 }
 
@@ -107,9 +104,6 @@ pub(super) async fn show(
     tag = "replays",
     responses((status = 200, body = Replay)),
 )]
-pub(super) async fn stop(
-    State(app): State<App>,
-    NameInPath(id): NameInPath,
-) -> Result<Json<Replay>, Problem> {
+pub(super) async fn stop(State(app): State<App>, NamePath(id): NamePath) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.service.replays.stop(&id).await?)))
 }

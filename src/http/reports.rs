@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::app::App;
 use super::assets;
 use super::problem::Problem;
-use super::request::query::{AssetInPath, Parameters};
+use super::request::query::{AssetPath, Parameters};
 use super::spectra::waterfall::evenly;
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
 use crate::report::{
@@ -139,7 +139,7 @@ const CHOICE: &str = "indicators=";
 )]
 pub(super) async fn show(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     ReportQuery(params): ReportQuery,
 ) -> Result<Html<String>, Problem> {
     let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;

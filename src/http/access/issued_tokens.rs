@@ -17,7 +17,7 @@ use crate::http::alarms::check_name;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body;
-use crate::http::request::query::{self, NameInPath, Page, PageParameters, Parameters};
+use crate::http::request::query::{self, NamePath, Page, PageParameters, Parameters};
 use crate::store::{Scope, Token};
 
 /// Maximum number of tokens: each request searches all of them.
@@ -92,7 +92,7 @@ pub(crate) async fn create(
     body: Body,
 ) -> Result<Response, Problem> {
     let tokens = app.access.managed_tokens()?;
-    let TokenRequest { name, scope } = body::described(&app.limits, &headers, body).await?;
+    let TokenRequest { name, scope } = body::json_body(&app.limits, &headers, body).await?;
     check_name("name", &name)?;
     let known = tokens.list().await.map_err(|error| unreadable(&error))?;
     match &known {
@@ -139,7 +139,7 @@ pub(crate) async fn create(
 pub(crate) async fn revoke(
     State(app): State<App>,
     caller: Option<Extension<Caller>>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
 ) -> Result<StatusCode, Problem> {
     let tokens = app.access.managed_tokens()?;
     let known = tokens.list().await.map_err(|error| unreadable(&error))?;

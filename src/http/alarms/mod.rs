@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::app::App;
 use super::problem::Problem;
-use super::request::body::Described;
-use super::request::query::{self, NameInPath, Page, Parameters};
+use super::request::body::JsonBody;
+use super::request::query::{self, NamePath, Page, Parameters};
 use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, AlarmState, Severity};
 use crate::service::OperatorAction;
@@ -75,8 +75,7 @@ impl AlarmView {
 
 /// An alarm with its history.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-#[schema(as = AlarmWithHistory)]
-pub(super) struct WholeAlarm {
+pub(super) struct AlarmWithHistory {
     #[serde(flatten)]
     alarm: AlarmView,
     /// History, oldest first; the latest 1000 entries.
@@ -156,12 +155,12 @@ pub(super) async fn list(
     get,
     path = "/v1/alarms/{alarm}",
     tag = "alarms",
-    responses((status = 200, body = WholeAlarm)),
+    responses((status = 200, body = AlarmWithHistory)),
 )]
 pub(super) async fn show(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
-) -> Result<Json<WholeAlarm>, Problem> {
+    NamePath(id): NamePath,
+) -> Result<Json<AlarmWithHistory>, Problem> {
     let alarm = app.service.store.alarm(&id).await?;
     let alarm = alarm.ok_or_else(|| Problem::not_found(format!("there is no alarm {id:?}")))?;
     whole(&app, alarm).await
@@ -170,7 +169,7 @@ pub(super) async fn show(
 /// Who acknowledges, unshelves or comments on an alarm.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SignedRemark {
+pub(super) struct AlarmActionRequest {
     /// Name of the person: 1 to 200 characters.
     #[schema(example = "Ada")]
     by: String,
@@ -183,7 +182,7 @@ pub(super) struct SignedRemark {
 /// Who shelves an alarm, and until when.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Shelving {
+pub(super) struct ShelveRequest {
     /// Name of the person: 1 to 200 characters.
     #[schema(example = "Ada")]
     by: String,
@@ -203,17 +202,17 @@ pub(super) struct Shelving {
     post,
     path = "/v1/alarms/{alarm}/acknowledge",
     tag = "alarms",
-    request_body(content = SignedRemark),
+    request_body(content = AlarmActionRequest),
     responses(
-        (status = 200, body = WholeAlarm),
+        (status = 200, body = AlarmWithHistory),
         (status = 409, description = "Nothing to acknowledge"),
     ),
 )]
 pub(super) async fn acknowledge(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
-    Described(SignedRemark { by, comment }): Described<SignedRemark>,
-) -> Result<Json<WholeAlarm>, Problem> {
+    NamePath(id): NamePath,
+    JsonBody(AlarmActionRequest { by, comment }): JsonBody<AlarmActionRequest>,
+) -> Result<Json<AlarmWithHistory>, Problem> {
     act(&app, &id, AlarmAction::Acknowledge, by, comment).await
 }
 
@@ -224,14 +223,14 @@ pub(super) async fn acknowledge(
     post,
     path = "/v1/alarms/{alarm}/shelve",
     tag = "alarms",
-    request_body(content = Shelving),
-    responses((status = 200, body = WholeAlarm)),
+    request_body(content = ShelveRequest),
+    responses((status = 200, body = AlarmWithHistory)),
 )]
 pub(super) async fn shelve(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
-    Described(Shelving { by, until, comment }): Described<Shelving>,
-) -> Result<Json<WholeAlarm>, Problem> {
+    NamePath(id): NamePath,
+    JsonBody(ShelveRequest { by, until, comment }): JsonBody<ShelveRequest>,
+) -> Result<Json<AlarmWithHistory>, Problem> {
     if until <= app.service.now() {
         return Err(Problem::content("until", until, "a time later than now"));
     }
@@ -243,17 +242,17 @@ pub(super) async fn shelve(
     post,
     path = "/v1/alarms/{alarm}/unshelve",
     tag = "alarms",
-    request_body(content = SignedRemark),
+    request_body(content = AlarmActionRequest),
     responses(
-        (status = 200, body = WholeAlarm),
+        (status = 200, body = AlarmWithHistory),
         (status = 409, description = "The alarm is not shelved"),
     ),
 )]
 pub(super) async fn unshelve(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
-    Described(SignedRemark { by, comment }): Described<SignedRemark>,
-) -> Result<Json<WholeAlarm>, Problem> {
+    NamePath(id): NamePath,
+    JsonBody(AlarmActionRequest { by, comment }): JsonBody<AlarmActionRequest>,
+) -> Result<Json<AlarmWithHistory>, Problem> {
     act(&app, &id, AlarmAction::Unshelve, by, comment).await
 }
 
@@ -262,14 +261,14 @@ pub(super) async fn unshelve(
     post,
     path = "/v1/alarms/{alarm}/comment",
     tag = "alarms",
-    request_body(content = SignedRemark),
-    responses((status = 200, body = WholeAlarm)),
+    request_body(content = AlarmActionRequest),
+    responses((status = 200, body = AlarmWithHistory)),
 )]
 pub(super) async fn comment(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
-    Described(SignedRemark { by, comment }): Described<SignedRemark>,
-) -> Result<Json<WholeAlarm>, Problem> {
+    NamePath(id): NamePath,
+    JsonBody(AlarmActionRequest { by, comment }): JsonBody<AlarmActionRequest>,
+) -> Result<Json<AlarmWithHistory>, Problem> {
     if comment.trim().is_empty() {
         return Err(Problem::content("comment", format!("{comment:?}"), "a comment"));
     }
@@ -282,7 +281,7 @@ async fn act(
     action: AlarmAction,
     by: String,
     comment: String,
-) -> Result<Json<WholeAlarm>, Problem> {
+) -> Result<Json<AlarmWithHistory>, Problem> {
     check_signature(&by, &comment)?;
     let alarm = app.service.alarms.act(id, OperatorAction { action, by, comment }).await?;
     whole(app, alarm).await
@@ -307,7 +306,7 @@ pub(super) fn check_name(field: &str, name: &str) -> Result<(), Problem> {
     Ok(())
 }
 
-async fn whole(app: &App, alarm: StoredAlarm) -> Result<Json<WholeAlarm>, Problem> {
+async fn whole(app: &App, alarm: StoredAlarm) -> Result<Json<AlarmWithHistory>, Problem> {
     let (history, history_count) = app.service.store.alarm_history(&alarm.id, MAX_ENTRIES).await?;
-    Ok(Json(WholeAlarm { alarm: AlarmView::new(alarm, app.service.now()), history, history_count }))
+    Ok(Json(AlarmWithHistory { alarm: AlarmView::new(alarm, app.service.now()), history, history_count }))
 }

@@ -12,8 +12,8 @@ use crate::estimate::{AlarmPanel, AlarmQuantity, AlarmRule, MaintenanceEvent, Se
 use crate::http::app::App;
 use crate::http::assets;
 use crate::http::problem::Problem;
-use crate::http::request::body::Described;
-use crate::http::request::query::AssetInPath;
+use crate::http::request::body::JsonBody;
+use crate::http::request::query::AssetPath;
 use crate::service::Service;
 use crate::store::{ChannelSummary, RecordResults};
 
@@ -79,8 +79,8 @@ pub(crate) struct TrialChange {
 )]
 pub(crate) async fn try_rule(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
-    Described(TrialRequest { rule, channel }): Described<TrialRequest>,
+    AssetPath(asset): AssetPath,
+    JsonBody(TrialRequest { rule, channel }): JsonBody<TrialRequest>,
 ) -> Result<Json<AlarmTrial>, Problem> {
     let of_one_channel = match rule.quantity {
         AlarmQuantity::StaleS => {

@@ -13,8 +13,8 @@ use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::http::alarms::check_signature;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::body::Described;
-use crate::http::request::query::{self, AssetInPath, Page, PageParameters, Parameters};
+use crate::http::request::body::JsonBody;
+use crate::http::request::query::{self, AssetPath, Page, PageParameters, Parameters};
 use crate::store::StoredEvent;
 
 /// A maintenance event to add.
@@ -76,8 +76,8 @@ impl EventView {
 )]
 pub(crate) async fn add(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
-    Described(request): Described<MaintenanceRequest>,
+    AssetPath(asset): AssetPath,
+    JsonBody(request): JsonBody<MaintenanceRequest>,
 ) -> Result<impl IntoResponse, Problem> {
     let MaintenanceRequest { time, kind, by, comment, inspection, until } = request;
     check_signature(&by, &comment)?;
@@ -103,7 +103,7 @@ pub(crate) async fn add(
 )]
 pub(crate) async fn list(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<EventView>>, Problem> {
     let limit = query::limit(params.limit)?;

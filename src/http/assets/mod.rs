@@ -19,7 +19,7 @@ use super::app::App;
 use super::problem::Problem;
 use super::request::body;
 use super::request::etag;
-use super::request::query::{self, AssetInPath, Page, PageParameters, Parameters};
+use super::request::query::{self, AssetPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, ChannelContribution, WearEstimate};
 use crate::service::{JointWear, Readiness, SimulationProgress, SimulationStage};
@@ -176,7 +176,7 @@ pub(super) async fn create(
 )]
 pub(super) async fn show(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
@@ -213,7 +213,7 @@ async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<
 )]
 pub(super) async fn replace(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -245,7 +245,7 @@ pub(super) async fn replace(
 )]
 pub(super) async fn remove(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     app.service.assets.delete(&id, &etag::precondition(&headers)).await?;

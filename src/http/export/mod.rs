@@ -20,7 +20,7 @@ use tokio::io::AsyncReadExt;
 use super::app::App;
 use super::problem::Problem;
 use super::request::body::SpooledBody;
-use super::request::query::{AssetInPath, Parameters};
+use super::request::query::{AssetPath, Parameters};
 use super::segments::record_choice::{RecordChoice, parse_statuses};
 use crate::asset::{AssetId, Segment, json_name};
 use crate::estimate::Severity;
@@ -85,7 +85,7 @@ pub(super) struct ExportParameters {
 )]
 pub(super) async fn export(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<ExportParameters>,
 ) -> Result<Response, Problem> {
     let spectra = params.spectra.unwrap_or(100);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::http::app::App;
 use crate::http::baseline::BaselinePeriod;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters};
+use crate::http::request::query::{AssetPath, Parameters};
 use crate::http::{assets, indicators};
 use crate::signal::Indicators;
 
@@ -65,7 +65,7 @@ pub(crate) struct BaselineItem {
 )]
 pub(crate) async fn show(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<BaselineParameters>,
 ) -> Result<Json<BaselineView>, Problem> {
     let names: Vec<String> = params.names.split(',').map(|name| name.trim().to_owned()).collect();

@@ -16,7 +16,7 @@ use super::app::App;
 use super::assets;
 use super::problem::Problem;
 use super::request::etag;
-use super::request::query::{self, AssetInPath, Parameters};
+use super::request::query::{self, AssetPath, Parameters};
 use super::request::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use crate::asset::AssetSpec;
@@ -74,7 +74,7 @@ pub(super) struct TrendView {
 )]
 pub(super) async fn trend(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<TrendParameters>,
     uri: Uri,
     headers: HeaderMap,

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::app::App;
 use super::problem::Problem;
-use super::request::query::{self, NameInPath, Page, PageParameters, Parameters};
+use super::request::query::{self, NamePath, Page, PageParameters, Parameters};
 use crate::gear::{ContactRule, PairSpec};
 use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::service::ServiceError;
@@ -103,7 +103,7 @@ pub(super) struct LibraryView {
 )]
 pub(super) async fn show(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
 ) -> Result<Json<LibraryView>, Problem> {
     let library = find(&app, &id).await?;
     Ok(Json(LibraryView { row: LibraryRow::from(library.manifest()), pair: library.pair().clone() }))

@@ -8,7 +8,7 @@ use crate::gear::{Flank, FlankWear, Gear, GearError, PairSpec};
 use crate::http::app::App;
 use crate::http::libraries;
 use crate::http::problem::Problem;
-use crate::http::request::query::{NameInPath, Page, Parameters};
+use crate::http::request::query::{NamePath, Page, Parameters};
 use crate::library::LibraryState;
 use crate::signal::ByName;
 
@@ -67,7 +67,7 @@ fn extent(values: &[f64]) -> [f64; 2] {
 )]
 pub(crate) async fn list(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
 ) -> Result<Json<Page<StateRow>>, Problem> {
     let library = libraries::find(&app, &id).await?;
     let rows = library.states().iter().map(StateRow::from).collect();
@@ -126,7 +126,7 @@ struct FlankRow {
 )]
 pub(crate) async fn flank(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
     Parameters(params): Parameters<FlankParameters>,
 ) -> Result<Json<FlankView>, Problem> {
     let library = libraries::find(&app, &id).await?;

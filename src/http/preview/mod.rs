@@ -76,7 +76,7 @@ pub(super) async fn preview(
     body: Body,
 ) -> Result<Json<Preview>, Problem> {
     let _ticket = app.service.workers.admit_answer()?;
-    let request: Request = body::described(&app.limits, &headers, body).await?;
+    let request: Request = body::json_body(&app.limits, &headers, body).await?;
     let models = app.previews.clone();
     let answer = app.service.workers.run("preview a gear pair", move || {
         let mut refusals = refusals_beside_pair(&request.gear);

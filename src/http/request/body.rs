@@ -189,7 +189,7 @@ pub(crate) async fn read_description(
 }
 
 /// Reads and parses a JSON body within the limit for descriptions.
-pub(crate) async fn described<T: DeserializeOwned>(
+pub(crate) async fn json_body<T: DeserializeOwned>(
     limits: &HttpLimits,
     headers: &HeaderMap,
     body: Body,
@@ -202,14 +202,14 @@ pub(crate) async fn described<T: DeserializeOwned>(
 }
 
 /// A JSON body within the limit for descriptions.
-pub(crate) struct Described<T>(pub(crate) T);
+pub(crate) struct JsonBody<T>(pub(crate) T);
 
-impl<T: DeserializeOwned> FromRequest<App> for Described<T> {
+impl<T: DeserializeOwned> FromRequest<App> for JsonBody<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let (parts, body) = request.into_parts();
-        described(&app.limits, &parts.headers, body).await.map(Self)
+        json_body(&app.limits, &parts.headers, body).await.map(Self)
     }
 }
 

@@ -50,9 +50,9 @@ pub(crate) struct PageParameters {
 }
 
 /// An asset's name in the path.
-pub(crate) struct AssetInPath(pub(crate) AssetId);
+pub(crate) struct AssetPath(pub(crate) AssetId);
 
-impl<S: Send + Sync> FromRequestParts<S> for AssetInPath {
+impl<S: Send + Sync> FromRequestParts<S> for AssetPath {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
@@ -66,9 +66,9 @@ pub(crate) fn asset_id(name: String) -> Result<AssetId, Problem> {
 }
 
 /// A segment's identifier in the path.
-pub(crate) struct SegmentInPath(pub(crate) SegmentId);
+pub(crate) struct SegmentPath(pub(crate) SegmentId);
 
-impl<S: Send + Sync> FromRequestParts<S> for SegmentInPath {
+impl<S: Send + Sync> FromRequestParts<S> for SegmentPath {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
@@ -77,9 +77,9 @@ impl<S: Send + Sync> FromRequestParts<S> for SegmentInPath {
 }
 
 /// Any other single name in the path.
-pub(crate) struct NameInPath(pub(crate) String);
+pub(crate) struct NamePath(pub(crate) String);
 
-impl<S: Send + Sync> FromRequestParts<S> for NameInPath {
+impl<S: Send + Sync> FromRequestParts<S> for NamePath {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {

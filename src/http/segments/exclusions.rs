@@ -8,7 +8,7 @@ use super::{RangeParameters, find};
 use crate::asset::{AssetId, SegmentId};
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters, SegmentInPath};
+use crate::http::request::query::{AssetPath, Parameters, SegmentPath};
 
 /// The number of changed records.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -33,7 +33,7 @@ pub(crate) struct Changed {
 )]
 pub(crate) async fn exclude(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<Json<Changed>, Problem> {
     set_one(&app, &id, true).await
 }
@@ -52,7 +52,7 @@ pub(crate) async fn exclude(
 )]
 pub(crate) async fn include(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<Json<Changed>, Problem> {
     set_one(&app, &id, false).await
 }
@@ -73,7 +73,7 @@ pub(crate) async fn include(
 )]
 pub(crate) async fn exclude_range(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
     set_range(&app, &asset, params, true).await
@@ -95,7 +95,7 @@ pub(crate) async fn exclude_range(
 )]
 pub(crate) async fn include_range(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
     set_range(&app, &asset, params, false).await

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::app::App;
 use super::problem::Problem;
-use super::request::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
+use super::request::query::{self, AssetPath, Page, Parameters, SegmentPath};
 use super::request::selection;
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId, VelocityZone};
 use crate::estimate::WearEstimate;
@@ -122,7 +122,7 @@ impl SegmentRow {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<ListParameters>,
 ) -> Result<impl IntoResponse, Problem> {
     let limit = query::limit(params.limit)?;
@@ -165,7 +165,7 @@ pub(super) struct SegmentView {
 )]
 pub(super) async fn show(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<Json<SegmentView>, Problem> {
     let segment = find(&app, &id).await?;
     let spec = app.service.store.asset(&segment.asset_id).await?.spec;
@@ -189,7 +189,7 @@ pub(super) async fn show(
 )]
 pub(super) async fn remove(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<StatusCode, Problem> {
     let segment = find(&app, &id).await?;
     app.service.removals.remove_one(&segment).await?;
@@ -256,7 +256,7 @@ pub(super) struct Deleted {
 )]
 pub(super) async fn remove_range(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
     let all = "at least one of from, to and ids; to delete all records, delete the asset";

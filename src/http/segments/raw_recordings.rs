@@ -8,7 +8,7 @@ use super::find;
 use crate::asset::Segment;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::SegmentInPath;
+use crate::http::request::query::SegmentPath;
 
 /// The raw recording of a segment
 ///
@@ -25,7 +25,7 @@ use crate::http::request::query::SegmentInPath;
 )]
 pub(crate) async fn download(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<Response, Problem> {
     let segment = find(&app, &id).await?;
     let bytes = app.service.records.raw(&segment).await?;

@@ -10,7 +10,7 @@ use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
 use crate::estimate::WearStatus;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{self, AssetInPath, Parameters};
+use crate::http::request::query::{self, AssetPath, Parameters};
 use crate::http::request::selection::{self, Selection};
 use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError, Trend};
 
@@ -145,7 +145,7 @@ pub(crate) struct RecordCount {
 )]
 pub(crate) async fn count(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<CountParameters>,
 ) -> Result<Json<RecordCount>, Problem> {
     let store = &app.service.store;

@@ -9,7 +9,7 @@ use super::line_range::LineRange;
 use crate::asset::{SegmentId, json_name};
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{self, Parameters, SegmentInPath};
+use crate::http::request::query::{self, Parameters, SegmentPath};
 use crate::http::segments;
 use crate::signal::{AngleSource, Gear, NotComputed, OrderSpectrum, TurnAverage, reduction};
 
@@ -77,7 +77,7 @@ pub(crate) struct OrderView {
 )]
 pub(crate) async fn orders(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<OrderParameters>,
 ) -> Result<Json<OrderView>, Problem> {
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
@@ -169,7 +169,7 @@ pub(crate) struct TurnView {
 )]
 pub(crate) async fn turn(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<TurnParameters>,
 ) -> Result<Json<TurnView>, Problem> {
     let number = params.gear.unwrap_or(1);

@@ -8,7 +8,7 @@ use super::angle::absent;
 use crate::asset::SegmentId;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{self, Parameters, SegmentInPath};
+use crate::http::request::query::{self, Parameters, SegmentPath};
 use crate::http::segments;
 use crate::signal::reduction;
 
@@ -60,7 +60,7 @@ pub(crate) struct CepstrumView {
 )]
 pub(crate) async fn cepstrum(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<CepstrumParameters>,
 ) -> Result<Json<CepstrumView>, Problem> {
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;

@@ -12,7 +12,7 @@ use super::{angle, envelope_band, matching};
 use crate::asset::{Segment, SegmentId};
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{Parameters, SegmentInPath};
+use crate::http::request::query::{Parameters, SegmentPath};
 use crate::http::segments;
 use crate::service::BandChoice;
 
@@ -89,7 +89,7 @@ struct Line {
 )]
 pub(crate) async fn lines(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<LineParameters>,
 ) -> Result<Json<LinesView>, Problem> {
     let positions = positions(&params.at)?;

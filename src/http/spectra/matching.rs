@@ -10,7 +10,7 @@ use crate::asset::{Segment, SegmentId};
 use crate::http::app::App;
 use crate::http::baseline::BaselinePeriod;
 use crate::http::problem::Problem;
-use crate::http::request::query::SegmentInPath;
+use crate::http::request::query::SegmentPath;
 use crate::http::{assets, libraries, segments};
 use crate::library::Library;
 use crate::signal::Name;
@@ -69,7 +69,7 @@ struct FeatureRow {
 )]
 pub(crate) async fn show(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
 ) -> Result<Json<MatchView>, Problem> {
     let segment = segments::find(&app, &id).await?;
     let wear = &segment.wear;

@@ -11,7 +11,7 @@ use crate::asset::{Segment, SegmentId};
 use crate::http::app::App;
 use crate::http::assets;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters};
+use crate::http::request::query::{AssetPath, Parameters};
 use crate::service::ServiceError;
 use crate::signal::Spectrum;
 
@@ -105,7 +105,7 @@ fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S
 )]
 pub(crate) async fn show(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     Parameters(params): Parameters<WaterfallParameters>,
 ) -> Result<Json<WaterfallView>, Problem> {
     let records = within("max_records", params.max_records, RECORDS)?;

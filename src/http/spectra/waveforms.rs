@@ -11,7 +11,7 @@ use super::{envelope_band, matching};
 use crate::asset::{Segment, SegmentId};
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{self, Parameters, SegmentInPath};
+use crate::http::request::query::{self, Parameters, SegmentPath};
 use crate::http::segments;
 use crate::service::BandChoice;
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Motion, Spectrum, reduction};
@@ -74,7 +74,7 @@ pub(crate) struct Waveform {
 )]
 pub(crate) async fn waveform(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<WaveformParameters>,
 ) -> Result<Json<Waveform>, Problem> {
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
@@ -186,7 +186,7 @@ struct MeshHarmonic {
 )]
 pub(crate) async fn spectrum(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<SpectrumParameters>,
 ) -> Result<Json<SpectrumView>, Problem> {
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
@@ -248,7 +248,7 @@ pub(crate) struct EnvelopeView {
 )]
 pub(crate) async fn envelope(
     State(app): State<App>,
-    SegmentInPath(id): SegmentInPath,
+    SegmentPath(id): SegmentPath,
     Parameters(params): Parameters<EnvelopeParameters>,
 ) -> Result<Json<EnvelopeView>, Problem> {
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;

@@ -9,7 +9,7 @@ use super::StreamName;
 use crate::asset::DEFAULT_STREAM;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters};
+use crate::http::request::query::{AssetPath, Parameters};
 use crate::service::CampaignStatus;
 
 /// The maximum duration of a campaign: one day.
@@ -42,7 +42,7 @@ pub(crate) struct CampaignParameters {
 )]
 pub(crate) async fn begin(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<CampaignParameters>,
 ) -> Result<Json<CampaignStatus>, Problem> {
     let seconds = params.seconds.unwrap_or(60.0);
@@ -65,7 +65,7 @@ pub(crate) async fn begin(
 )]
 pub(crate) async fn end(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<StreamName>,
 ) -> Result<StatusCode, Problem> {
     let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);

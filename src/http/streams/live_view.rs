@@ -19,7 +19,7 @@ use crate::http::access::shares::{Client, Share};
 use crate::http::app::App;
 use crate::http::events;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters};
+use crate::http::request::query::{AssetPath, Parameters};
 use crate::service::{LiveFrame, LiveUpdate, StreamViewer};
 
 /// Interval of keep-alive comments on a quiet connection.
@@ -69,7 +69,7 @@ struct LiveWaiting {
 )]
 pub(crate) async fn watch(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<StreamName>,
     client: Client,
     caller: Option<Extension<Caller>>,

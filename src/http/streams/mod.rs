@@ -27,7 +27,7 @@ use super::access::shares::{Client, Share};
 use super::app::App;
 use super::problem::Problem;
 use super::request::body::{self, BodySource};
-use super::request::query::{AssetInPath, Parameters};
+use super::request::query::{AssetPath, Parameters};
 use super::server::connections::closing;
 use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::recording::RawSample;
@@ -206,7 +206,7 @@ async fn open(
 )]
 pub(super) async fn connect(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<StreamParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
@@ -243,7 +243,7 @@ pub(super) async fn connect(
 )]
 pub(super) async fn send(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<StreamParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
@@ -370,7 +370,7 @@ fn incomplete_frame(received: u64, frame_bytes: usize, channels: usize) -> Strin
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
 ) -> Result<Json<StreamList>, Problem> {
     let streams = app.service.streams.list(&asset).await?;
     Ok(Json(StreamList { items: streams.into_iter().map(StreamView::from).collect() }))
@@ -388,7 +388,7 @@ pub(super) async fn list(
 )]
 pub(super) async fn levels(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<LevelParameters>,
 ) -> Result<Json<LevelList>, Problem> {
     let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
@@ -422,7 +422,7 @@ pub(super) async fn levels(
 )]
 pub(super) async fn keep(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<KeepParameters>,
 ) -> Result<Json<KeptView>, Problem> {
     let seconds = params.seconds.unwrap_or(10.0);

@@ -23,7 +23,7 @@ use sha2::{Digest, Sha256};
 use super::app::App;
 use super::problem::Problem;
 use super::request::body::{self, SpooledBody};
-use super::request::query::{AssetInPath, Parameters};
+use super::request::query::{AssetPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::JsonBlock;
@@ -38,7 +38,7 @@ const MAX_KEY_BYTES: usize = 255;
 /// The result of one channel's record.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
-pub(super) enum TakenRecord {
+pub(super) enum AcceptedRecord {
     /// The stored segment.
     Stored(Box<Segment>),
     /// The accepted record, if it is analysed after the response: the segment will have this `id`.
@@ -54,7 +54,7 @@ pub(super) struct QueuedSegment {
     record: RecordNote,
 }
 
-impl From<Accepted> for TakenRecord {
+impl From<Accepted> for AcceptedRecord {
     fn from(accepted: Accepted) -> Self {
         match accepted {
             Accepted::Stored(segment) | Accepted::Repeated(segment) => Self::Stored(segment),
@@ -70,11 +70,11 @@ impl From<Accepted> for TakenRecord {
 #[serde(untagged)]
 pub(super) enum UploadAnswer {
     /// One segment, for a single-channel recording.
-    One(TakenRecord),
+    One(AcceptedRecord),
     /// One segment per channel.
     Several {
         /// The segments in channel order.
-        segments: Vec<TakenRecord>,
+        segments: Vec<AcceptedRecord>,
     },
     /// The results of an MCAP recording's records.
     Recording(Box<RecordingAnswer>),
@@ -128,7 +128,7 @@ pub(super) struct RecordingAnswer {
 )]
 pub(super) async fn upload(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<UploadParameters>,
     headers: HeaderMap,
     body: Body,
@@ -200,7 +200,7 @@ impl Upload<'_> {
         }
         let work = async {
             let accepted = app.service.pipeline.accept(self.asset, format, bytes, metadata, ticket).await?;
-            let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
+            let mut segments: Vec<AcceptedRecord> = accepted.into_iter().map(AcceptedRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
                 last => {

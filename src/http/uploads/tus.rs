@@ -18,7 +18,7 @@ use crate::http::access::shares::Client;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body;
-use crate::http::request::query::NameInPath;
+use crate::http::request::query::NamePath;
 
 const VERSION: &str = "1.0.0";
 const OFFSET_TYPE: &str = "application/offset+octet-stream";
@@ -143,7 +143,7 @@ pub(crate) async fn options(State(app): State<App>) -> Response {
     tag = "resumable uploads",
     responses((status = 200, description = "`upload-offset` is the number of bytes received")),
 )]
-pub(crate) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
+pub(crate) async fn offset(State(app): State<App>, NamePath(id): NamePath) -> Result<Response, Problem> {
     let upload = resumable::find(&app, &id).await?;
     let more = [(LENGTH, upload.length.to_string()), (header::CACHE_CONTROL, "no-store".to_string())];
     Ok(answer(StatusCode::OK, &upload, &more))
@@ -158,7 +158,7 @@ pub(crate) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -
 )]
 pub(crate) async fn show(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
 ) -> Result<Json<ResumableUpload>, Problem> {
     Ok(Json(resumable::find(&app, &id).await?))
 }
@@ -183,7 +183,7 @@ pub(crate) async fn show(
 )]
 pub(crate) async fn append(
     State(app): State<App>,
-    NameInPath(id): NameInPath,
+    NamePath(id): NamePath,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -207,7 +207,7 @@ pub(crate) async fn append(
         (status = 409, description = "The upload is being written or processed"),
     ),
 )]
-pub(crate) async fn cancel(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
+pub(crate) async fn cancel(State(app): State<App>, NamePath(id): NamePath) -> Result<Response, Problem> {
     resumable::cancel(&app, &id).await?;
     Ok((StatusCode::NO_CONTENT, [(RESUMABLE, VERSION)]).into_response())
 }

@@ -11,7 +11,7 @@ use super::{assets, etag};
 use crate::asset::SegmentId;
 use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::request::query::{AssetInPath, Parameters};
+use crate::http::request::query::{AssetPath, Parameters};
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -60,7 +60,7 @@ struct HindsightRow {
 )]
 pub(crate) async fn hindsight(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<HindsightParameters>,
     uri: Uri,
     headers: HeaderMap,

@@ -13,7 +13,7 @@ use super::app::App;
 use super::assets;
 use super::problem::Problem;
 use super::request::etag;
-use super::request::query::{self, AssetInPath, Parameters};
+use super::request::query::{self, AssetPath, Parameters};
 use super::request::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits, json_name};
@@ -66,7 +66,7 @@ pub(super) struct WearView {
 )]
 pub(super) async fn latest(
     State(app): State<App>,
-    AssetInPath(id): AssetInPath,
+    AssetPath(id): AssetPath,
     Parameters(params): Parameters<WearParameters>,
     uri: Uri,
     headers: HeaderMap,
@@ -168,7 +168,7 @@ struct HistoryRow {
 )]
 pub(super) async fn history(
     State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
+    AssetPath(asset): AssetPath,
     Parameters(params): Parameters<HistoryParameters>,
     uri: Uri,
     headers: HeaderMap,

@@ -10,9 +10,9 @@ use std::time::Instant;
 use tokio::sync::watch;
 
 use super::cost::Cost;
+use super::simulation_queue::SimulationQueue;
 use super::source::LibrarySource;
 use super::status::{Readiness, Simulation, SimulationProgress, SimulationStage};
-use super::turns::Turns;
 use crate::gear::PairSpec;
 use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS,
@@ -34,7 +34,7 @@ pub(super) struct Job {
     pub(super) source: LibrarySource,
     /// Libraries are loaded one after the other.
     pub(super) loading: Arc<Mutex<()>>,
-    pub(super) turns: Arc<Turns>,
+    pub(super) queue: Arc<SimulationQueue>,
     pub(super) cost: Arc<Cost>,
     pub(super) ensembles: Arc<Ensembles>,
     pub(super) simulation: watch::Sender<Simulation>,
@@ -91,9 +91,9 @@ impl Job {
             self.begin(SimulationStage::Waiting);
         }
         let library = {
-            let turn = self.turns.wait(SimulationStage::Library);
+            let permit = self.queue.wait(SimulationStage::Library);
             let build = || self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel);
-            self.measured(SimulationStage::Library, || turn.run(build))?
+            self.measured(SimulationStage::Library, || permit.run(build))?
         };
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
@@ -102,9 +102,9 @@ impl Job {
         }
         // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
-            let turn = self.turns.wait(SimulationStage::FirstMembers);
+            let permit = self.queue.wait(SimulationStage::FirstMembers);
             let build = || self.members(&alone, &self.neighbours.first(), &self.progress());
-            self.measured(SimulationStage::FirstMembers, || turn.run(build))
+            self.measured(SimulationStage::FirstMembers, || permit.run(build))
         };
         let first = match first {
             Ok(first) => first,
@@ -145,13 +145,13 @@ impl Job {
         for done in (begin..all).step_by(MEMBERS_PER_TURN) {
             let before = (done - begin) / VARIANTS;
             let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
-            let turn = self.turns.wait(SimulationStage::Members);
+            let permit = self.queue.wait(SimulationStage::Members);
             let settings = EnsembleSettings { members: done + MEMBERS_PER_TURN };
             if settings.members >= all {
-                return turn.run(|| self.members(&ensemble, &self.neighbours, &of_all));
+                return permit.run(|| self.members(&ensemble, &self.neighbours, &of_all));
             }
             let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
-            ensemble = turn.run(|| ensemble.extended(&settings, &control))?;
+            ensemble = permit.run(|| ensemble.extended(&settings, &control))?;
         }
         Ok(ensemble)
     }
@@ -287,7 +287,7 @@ mod tests {
             neighbours: EnsembleSettings { members: 0 },
             source: LibrarySource::alone(folder),
             loading: Arc::default(),
-            turns: Arc::new(Turns::new(2).unwrap()),
+            queue: Arc::new(SimulationQueue::new(2).unwrap()),
             cost: Arc::new(Cost::new(2)),
             ensembles: Arc::default(),
             simulation,

@@ -5,9 +5,9 @@ mod cost;
 mod estimators;
 mod failures;
 mod job;
+mod simulation_queue;
 mod source;
 mod status;
-mod turns;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,9 +26,9 @@ use cost::Cost;
 use estimators::Estimators;
 pub(crate) use estimators::KeyedEstimator;
 use job::{Ensembles, Job, lock};
+use simulation_queue::SimulationQueue;
 pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
-use turns::Turns;
 
 /// How long a record waits for its library to be loaded from the cache, so that its history continues with
 /// the library it was folded with.
@@ -64,7 +64,7 @@ pub struct Simulations {
     changed: mpsc::UnboundedSender<Vec<AssetId>>,
     /// One library is loaded at a time.
     loading: Arc<Mutex<()>>,
-    turns: Arc<Turns>,
+    queue: Arc<SimulationQueue>,
     cost: Arc<Cost>,
 }
 
@@ -79,9 +79,9 @@ impl Simulations {
         limits: &WorkLimits,
         changed: mpsc::UnboundedSender<Vec<AssetId>>,
     ) -> Result<Self, ServiceError> {
-        let turns = Turns::new(limits.simulation_threads)?;
+        let queue = SimulationQueue::new(limits.simulation_threads)?;
         Ok(Self {
-            cost: Arc::new(Cost::new(turns.threads())),
+            cost: Arc::new(Cost::new(queue.threads())),
             changed,
             source,
             grid,
@@ -90,7 +90,7 @@ impl Simulations {
             neighbours: limits.neighbours,
             ensembles: Arc::default(),
             loading: Arc::default(),
-            turns: Arc::new(turns),
+            queue: Arc::new(queue),
         })
     }
 
@@ -208,7 +208,7 @@ impl Simulations {
             neighbours: self.neighbours,
             source: self.source.clone(),
             loading: Arc::clone(&self.loading),
-            turns: Arc::clone(&self.turns),
+            queue: Arc::clone(&self.queue),
             cost: Arc::clone(&self.cost),
             ensembles: Arc::clone(&self.ensembles),
             simulation: sender,

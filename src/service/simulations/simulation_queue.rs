@@ -11,7 +11,7 @@ use crate::service::workers;
 /// A priority lock on the threads for simulations: the earlier stage first, and within a stage in the order
 /// of arrival.
 #[derive(Debug)]
-pub(super) struct Turns {
+pub(super) struct SimulationQueue {
     threads: rayon::ThreadPool,
     queue: Mutex<Queue>,
     freed: Condvar,
@@ -24,10 +24,10 @@ struct Queue {
     waiting: BTreeSet<(SimulationStage, u64)>,
 }
 
-/// A turn, which ends when it is dropped.
-pub(super) struct Turn<'a>(&'a Turns);
+/// The right to simulate, until it is dropped.
+pub(super) struct SimulationPermit<'a>(&'a SimulationQueue);
 
-impl Turns {
+impl SimulationQueue {
     /// Creates the threads.
     ///
     /// # Errors
@@ -42,8 +42,8 @@ impl Turns {
         self.threads.current_num_threads()
     }
 
-    /// Waits for a turn at a stage.
-    pub(super) fn wait(&self, stage: SimulationStage) -> Turn<'_> {
+    /// Waits for the permit of a stage.
+    pub(super) fn wait(&self, stage: SimulationStage) -> SimulationPermit<'_> {
         let mut queue = self.queue();
         let mine = (stage, queue.tickets);
         queue.tickets += 1;
@@ -54,7 +54,7 @@ impl Turns {
             .unwrap_or_else(PoisonError::into_inner);
         queue.waiting.remove(&mine);
         queue.is_taken = true;
-        Turn(self)
+        SimulationPermit(self)
     }
 
     fn queue(&self) -> MutexGuard<'_, Queue> {
@@ -62,14 +62,14 @@ impl Turns {
     }
 }
 
-impl Turn<'_> {
+impl SimulationPermit<'_> {
     /// Runs `simulate` on the threads for simulations.
     pub(super) fn run<T: Send>(&self, simulate: impl FnOnce() -> T + Send) -> T {
         self.0.threads.install(simulate)
     }
 }
 
-impl Drop for Turn<'_> {
+impl Drop for SimulationPermit<'_> {
     fn drop(&mut self) {
         self.0.queue().is_taken = false;
         self.0.freed.notify_all();
@@ -85,18 +85,18 @@ mod tests {
     #[test]
     fn earlier_stages_come_first() {
         use SimulationStage::{FirstMembers, Library, Members};
-        let turns = Turns::new(1).unwrap();
+        let simulations = SimulationQueue::new(1).unwrap();
         let order = Mutex::new(Vec::new());
-        let held = turns.wait(Members);
+        let held = simulations.wait(Members);
         std::thread::scope(|scope| {
             for (count, stage) in [Members, FirstMembers, Members, Library, Library].into_iter().enumerate() {
-                let (turns, order) = (&turns, &order);
+                let (simulations, order) = (&simulations, &order);
                 scope.spawn(move || {
-                    let _turn = turns.wait(stage);
+                    let _permit = simulations.wait(stage);
                     order.lock().unwrap().push((stage, count));
                 });
                 // They start to wait in this order.
-                while turns.queue().waiting.len() <= count {
+                while simulations.queue().waiting.len() <= count {
                     std::thread::yield_now();
                 }
             }
@@ -108,9 +108,9 @@ mod tests {
 
     #[test]
     fn a_simulation_uses_its_threads_alone() {
-        let turns = Turns::new(3).unwrap();
-        let turn = turns.wait(SimulationStage::Library);
-        let names: BTreeSet<String> = turn.run(|| {
+        let simulations = SimulationQueue::new(3).unwrap();
+        let permit = simulations.wait(SimulationStage::Library);
+        let names: BTreeSet<String> = permit.run(|| {
             let name = |_| std::thread::current().name().unwrap_or_default().to_owned();
             assert_eq!(rayon::current_num_threads(), 3);
             (0..1000).into_par_iter().map(name).collect()
