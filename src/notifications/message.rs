@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::asset::json_name;
 use crate::estimate::Severity;
 use crate::report::{quantity_words, reading_words};
 use crate::store::{Notification, NotificationKind};
@@ -37,7 +38,7 @@ impl Message {
     pub(super) fn json(&self) -> Result<String, serde_json::Error> {
         let notification = &self.notification;
         serde_json::to_string(&Body {
-            kind: format!("alarm.{}", notification.kind.name()),
+            kind: format!("alarm.{}", json_name(&notification.kind)),
             timestamp: notification.noted_at,
             data: Data { notification, asset_name: &self.asset_name, url: self.url.as_deref() },
         })
@@ -64,7 +65,7 @@ impl Message {
             format!("Asset      {}", self.asset()),
             format!("Channel    {}", self.notification.channel),
             format!("Quantity   {}", quantity_words(&self.notification.quantity)),
-            format!("Alarm      {}", kind.name()),
+            format!("Alarm      {}", json_name(kind)),
             format!("Severity   {}", severity.map_or("none", Severity::name)),
             format!("Previous   {}", severity_before.map_or("none", Severity::name)),
         ];

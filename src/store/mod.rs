@@ -79,7 +79,7 @@ pub use streams::levels::{StreamLevels, TimedLevel};
 pub use streams::rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
 pub use tokens::{Scope, Token, TokenStore, TokensVersion};
 pub use uploads::keyed::KeyedUpload;
-pub use uploads::resumable::{NewUpload, Reading, StoredUpload, UploadPiece, UploadProgress};
+pub use uploads::resumable::{NewUpload, Reading, StoredUpload, UploadPiece, UploadState};
 
 /// A handle to the store; clones share it.
 #[derive(Debug, Clone)]

@@ -11,7 +11,7 @@ use super::app::App;
 use super::problem::Problem;
 use super::request::body::JsonBody;
 use super::request::query::{self, NamePath, Page, Parameters};
-use crate::asset::AssetId;
+use crate::asset::{AssetId, from_json_name};
 use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, AlarmState, Severity};
 use crate::service::OperatorAction;
 use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
@@ -128,13 +128,13 @@ pub(super) async fn list(
         Problem::query("state", state, expected)
     };
     let states = query::entries(params.state.as_deref());
-    let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
+    let states = states.map(|state| from_json_name(state).map_err(|_| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
     let severity = params.severity.as_deref();
     let filter = AlarmFilter {
         states: states.collect::<Result<_, _>>()?,
         severity: severity
-            .map(|severity| Severity::from_name(severity).ok_or_else(|| unknown_severity(severity)))
+            .map(|severity| from_json_name(severity).map_err(|_| unknown_severity(severity)))
             .transpose()?,
         after: query::place_cursor(params.cursor.as_deref())?,
         asset: params.asset,

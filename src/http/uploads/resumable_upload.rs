@@ -6,21 +6,7 @@ use serde::Serialize;
 
 use crate::asset::AssetId;
 use crate::http::problem::Problem;
-use crate::store::{StoredUpload, UploadProgress};
-
-/// The state of an upload.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum UploadState {
-    /// Bytes are missing.
-    Receiving,
-    /// All bytes have arrived and are being processed.
-    Reading,
-    /// Its records are stored.
-    Finished,
-    /// It could not be processed.
-    Failed,
-}
+use crate::store::{StoredUpload, UploadState};
 
 /// A resumable upload.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
@@ -55,12 +41,7 @@ impl ResumableUpload {
             asset: stored.asset,
             length: stored.length,
             offset: stored.received,
-            state: match stored.progress {
-                UploadProgress::Receiving => UploadState::Receiving,
-                UploadProgress::Reading => UploadState::Reading,
-                UploadProgress::Finished => UploadState::Finished,
-                UploadProgress::Failed => UploadState::Failed,
-            },
+            state: stored.state,
             expires_at: stored.expires_at,
             waits_for,
             result: stored.result.and_then(|text| serde_json::from_str(&text).ok()),

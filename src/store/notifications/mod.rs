@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::asset::AssetId;
+use crate::asset::{AssetId, from_json_name};
 use crate::estimate::{AlarmQuantity, AlarmRule, AlarmState, Severity};
 use crate::store::commit::Commit;
 use crate::store::database::rows::{get, get_time, to_json, to_ns};
@@ -54,16 +54,6 @@ pub enum NotificationKind {
 }
 
 impl NotificationKind {
-    /// Its name in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Raised => "raised",
-            Self::Worsened => "worsened",
-            Self::Eased => "eased",
-            Self::Cleared => "cleared",
-        }
-    }
-
     fn between(before: Option<Severity>, after: Option<Severity>) -> Option<Self> {
         match (before, after) {
             (None, Some(_)) => Some(Self::Raised),
@@ -123,7 +113,7 @@ impl Commit {
             .fetch_one(&mut *self.transaction)
             .await?;
         let last_severity: Option<String> = get(&row, "told_severity")?;
-        let before = last_severity.as_deref().and_then(Severity::from_name);
+        let before = last_severity.and_then(|name| from_json_name(&name).ok());
         // An alarm without a rule is cleared, whatever its last severity.
         let after = alarm.rule.as_ref().and(change.severity);
         let Some(kind) = NotificationKind::between(before, after) else {

@@ -4,10 +4,11 @@
 //! the upload is gone, finds the row changed, and its piece is not counted.
 
 use jiff::{SignedDuration, Timestamp};
+use serde::{Deserialize, Serialize};
 use sqlx::any::AnyRow;
 
-use crate::asset::AssetId;
-use crate::store::database::rows::{asset_id, get, get_count, get_time, lease_end, to_ns};
+use crate::asset::{AssetId, json_name};
+use crate::store::database::rows::{asset_id, get, get_count, get_named, get_time, lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
 /// How long a process that reads an upload counts as alive after its last renewal.
@@ -16,9 +17,10 @@ const LEASE: SignedDuration = SignedDuration::from_secs(20);
 /// Length of the prefix of an identifier that is the same for all uploads of one client.
 const CLIENT_MARK: usize = 8;
 
-/// The progress of an upload.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UploadProgress {
+/// The state of an upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UploadState {
     /// Bytes are missing, or no process reads it yet.
     Receiving,
     /// All bytes are stored and being read.
@@ -27,17 +29,6 @@ pub enum UploadProgress {
     Finished,
     /// It could not be read.
     Failed,
-}
-
-impl UploadProgress {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Receiving => "receiving",
-            Self::Reading => "reading",
-            Self::Finished => "finished",
-            Self::Failed => "failed",
-        }
-    }
 }
 
 /// A new upload.
@@ -65,7 +56,7 @@ pub struct StoredUpload {
     /// Number of bytes received.
     pub received: u64,
     /// Its progress.
-    pub progress: UploadProgress,
+    pub state: UploadState,
     /// When it expires if no further piece arrives.
     pub expires_at: Timestamp,
     /// The summary of its records as JSON.
@@ -237,9 +228,9 @@ impl Store {
         result: Result<&str, &str>,
         expires_at: Timestamp,
     ) -> Result<bool, StoreError> {
-        let (progress, result, error) = match result {
-            Ok(result) => (UploadProgress::Finished, result, ""),
-            Err(error) => (UploadProgress::Failed, "", error),
+        let (state, result, error) = match result {
+            Ok(result) => (UploadState::Finished, result, ""),
+            Err(error) => (UploadState::Failed, "", error),
         };
         let mut transaction = self.write()?.begin().await?;
         let finished = sqlx::query(
@@ -247,7 +238,7 @@ impl Store {
              WHERE id = $1 AND readings = $6 AND progress = 'reading'",
         )
         .bind(reading.upload.as_str())
-        .bind(progress.name())
+        .bind(json_name(&state))
         .bind(result)
         .bind(error)
         .bind(to_ns(expires_at)?)
@@ -335,23 +326,13 @@ fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
 }
 
 fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
-    let progress: String = get(row, "progress")?;
-    let all = [
-        UploadProgress::Receiving,
-        UploadProgress::Reading,
-        UploadProgress::Finished,
-        UploadProgress::Failed,
-    ];
+    let id: String = get(row, "id")?;
     Ok(StoredUpload {
-        id: get(row, "id")?,
+        state: get_named(row, "progress", &id)?,
+        id,
         asset: asset_id(get(row, "asset_id")?)?,
         length: get_count(row, "length")?,
         received: get_count(row, "received")?,
-        progress: all.into_iter().find(|one| one.name() == progress).ok_or(StoreError::Unexpected {
-            what: "progress",
-            value: progress,
-            expected: "receiving, reading, finished or failed",
-        })?,
         expires_at: get_time(row, "expires_at_ns")?,
         result: get(row, "result")?,
         error: get(row, "error")?,

@@ -25,10 +25,6 @@ pub enum AlarmState {
 }
 
 impl AlarmState {
-    /// All states.
-    pub const ALL: [Self; 5] =
-        [Self::Normal, Self::Unacknowledged, Self::Acknowledged, Self::ReturnedUnacknowledged, Self::Shelved];
-
     /// Returns its name in JSON.
     pub fn name(self) -> &'static str {
         match self {
@@ -38,11 +34,6 @@ impl AlarmState {
             Self::ReturnedUnacknowledged => "returned_unacknowledged",
             Self::Shelved => "shelved",
         }
-    }
-
-    /// Returns the state with this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|state| state.name() == name)
     }
 }
 

@@ -21,9 +21,4 @@ impl Severity {
             Self::Danger => "danger",
         }
     }
-
-    /// Returns the severity with this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Warning, Self::Danger].into_iter().find(|severity| severity.name() == name)
-    }
 }
