@@ -16,7 +16,7 @@ use tokio::sync::mpsc;
 
 use super::ClusterError;
 use super::connection::Connection;
-use crate::service::{LiveEvent, NumberedEvent};
+use crate::service::{LiveEvent, NumberedEvent, SharedEvents};
 
 /// Maximum number of events buffered while NATS is unavailable.
 const MAX_WAITING: usize = 4096;
@@ -29,16 +29,6 @@ const BACKLOG_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Interval of checks whether the stream was created anew.
 const CHECK_INTERVAL: Duration = Duration::from_secs(5);
-
-/// The events of all processes, with a backlog of recent ones.
-pub struct Subscription {
-    /// Identifies the sequence of event numbers; changes when the stream is created anew.
-    pub run: Arc<str>,
-    /// Earlier events.
-    pub backlog: Vec<NumberedEvent>,
-    /// Events after the backlog.
-    pub receiver: mpsc::Receiver<NumberedEvent>,
-}
 
 /// Publishes this process's events until its last sender is dropped.
 pub(super) async fn publish(connection: Connection, mut announced: Receiver<LiveEvent>) {
@@ -107,7 +97,7 @@ async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Res
 }
 
 /// Subscribes to the events of all processes. Where NATS does not answer, events arrive once it does.
-pub(super) async fn subscribe(connection: Connection) -> Subscription {
+pub(super) async fn subscribe(connection: Connection) -> SharedEvents {
     let (sender, receiver) = mpsc::channel(1024);
     let read = tokio::time::timeout(BACKLOG_TIMEOUT, read_backlog(&connection)).await;
     let (run, backlog, messages) = match read {
@@ -123,7 +113,7 @@ pub(super) async fn subscribe(connection: Connection) -> Subscription {
     };
     let after = backlog.last().map_or(0, |event| event.number);
     tokio::spawn(forward(connection, Arc::clone(&run), messages, after, sender));
-    Subscription { run, backlog, receiver }
+    SharedEvents { run, backlog, receiver }
 }
 
 /// The run, the backlog and the messages after it.

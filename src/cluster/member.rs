@@ -6,11 +6,10 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::connection::Connection;
-use super::events::Subscription;
 use super::queue::Queue;
 use super::{ClusterError, DeadLetter, NatsSettings, WorkerLimits};
 use super::{dead_letters, events, overview, worker};
-use crate::service::{QueueOverview, Service, WorkQueue};
+use crate::service::{QueueOverview, Service, SharedEvents, WorkQueue};
 
 /// A process's connection to a cluster.
 pub struct Cluster {
@@ -88,7 +87,7 @@ impl Cluster {
     }
 
     /// Subscribes to the events of all processes.
-    pub async fn subscribe(&self) -> Subscription {
+    pub async fn subscribe(&self) -> SharedEvents {
         events::subscribe(self.connection.clone()).await
     }
 

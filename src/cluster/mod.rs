@@ -46,8 +46,6 @@ mod worker;
 pub use dead_letters::DeadLetter;
 pub use error::ClusterError;
 #[cfg(feature = "nats")]
-pub use events::Subscription;
-#[cfg(feature = "nats")]
 pub use member::{Cluster, RunningWorker};
 pub use nats_settings::{NatsCredentials, NatsSettings, WorkerLimits};
 #[cfg(feature = "nats")]

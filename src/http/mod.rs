@@ -37,7 +37,6 @@ mod wear;
 
 pub use access::token_error::TokenError;
 pub use access::tokens::Tokens;
-pub use events::ring::SharedEvents;
 pub use health::HealthServer;
 pub use metrics::queue::queue_metrics;
 pub use plotly::plotly_js;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use tokio::sync::broadcast;
+use tokio::sync::{broadcast, mpsc};
 
 use super::recomputation::Recomputation;
 use super::replay::Replay;
@@ -76,6 +76,17 @@ pub struct NumberedEvent {
     pub number: u64,
     /// The event.
     pub event: LiveEvent,
+}
+
+/// The events of all nodes of a cluster in a common order.
+#[derive(Debug)]
+pub struct SharedEvents {
+    /// Identifies this order in event ids; changes when their stream is created anew.
+    pub run: Arc<str>,
+    /// Past events.
+    pub backlog: Vec<NumberedEvent>,
+    /// Future events.
+    pub receiver: mpsc::Receiver<NumberedEvent>,
 }
 
 impl LiveEvent {

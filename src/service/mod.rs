@@ -70,7 +70,7 @@ pub use assets::Assets;
 pub(crate) use background::while_leased;
 pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
-pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
+pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace, SharedEvents};
 pub use exclusion::Exclusions;
 pub use failure_cause::FailureCause;
 pub use feeds::{Feed, FeedCount, Feeds, HeldMessage};

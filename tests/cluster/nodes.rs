@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use async_nats::jetstream;
 use flankwatch::asset::AssetId;
 use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
-use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, start, start_node};
+use flankwatch::http::{Node, RunningService, ServiceConfig, start, start_node};
 use flankwatch::library::{EnsembleSettings, GridSettings};
 use flankwatch::service::{QueueOverview, Readiness, Role, Service, ServiceFolders};
 use flankwatch::store::{Store, StoreSettings};
@@ -125,16 +125,8 @@ impl TestCluster {
         let folder = self.own_folder();
         let node = self.runtime.block_on(async {
             let (cluster, store) = self.open().await;
-            let subscription = cluster.subscribe().await;
-            let node = Node {
-                store,
-                queue: cluster.queue_of_node(),
-                events: SharedEvents {
-                    run: subscription.run,
-                    backlog: subscription.backlog,
-                    receiver: subscription.receiver,
-                },
-            };
+            let events = cluster.subscribe().await;
+            let node = Node { store, queue: cluster.queue_of_node(), events };
             let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
             cluster.publish_events(running.service());
             running

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::cluster::{Cluster, ClusterSettings, RunningWorker};
-use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, start_node};
+use crate::http::{HealthServer, Node, RunningService, ServiceConfig, start_node};
 use crate::notifications::{NotificationSettings, Notifier};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
@@ -33,16 +33,8 @@ pub(super) async fn start_api(
 ) -> Result<RunningService, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
-    let subscription = cluster.subscribe().await;
-    let node = Node {
-        store,
-        queue: cluster.queue_of_node(),
-        events: SharedEvents {
-            run: subscription.run,
-            backlog: subscription.backlog,
-            receiver: subscription.receiver,
-        },
-    };
+    let events = cluster.subscribe().await;
+    let node = Node { store, queue: cluster.queue_of_node(), events };
     let running = start_node(service, node, Arc::new(SystemClock)).await?;
     cluster.publish_events(running.service());
     Ok(running)

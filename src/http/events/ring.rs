@@ -5,24 +5,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::watch;
 
 use crate::asset::AssetId;
-use crate::service::{History, LiveEvent, NumberedEvent, Streams};
+use crate::service::{History, LiveEvent, NumberedEvent, SharedEvents, Streams};
 
 /// Number of events that another node may have sent before they arrived here.
 const MAX_AHEAD: u64 = 1000;
-
-/// The events of all nodes of a cluster in a common order.
-#[derive(Debug)]
-pub struct SharedEvents {
-    /// Identifies this order in event ids.
-    pub run: Arc<str>,
-    /// Past events.
-    pub backlog: Vec<NumberedEvent>,
-    /// Future events.
-    pub receiver: mpsc::Receiver<NumberedEvent>,
-}
 
 /// The latest events.
 #[derive(Debug)]
