@@ -10,11 +10,12 @@ use flankwatch_signal::{Features, Indicators, PREPROCESSING};
 pub const METHOD: &str = "ensemble-filter-9";
 
 /// Status of a wear estimate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum WearStatus {
     /// Records are still being collected for the asset's healthy baseline.
+    #[default]
     CollectingBaseline,
     /// The asset has no gear pair described, so there is no library to compare with.
     NoLibrary,
@@ -96,7 +97,7 @@ impl MissingLibrary {
 }
 
 /// Progress of the healthy baseline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BaselineProgress {
     /// Records collected.
@@ -141,7 +142,7 @@ pub struct Posterior {
 }
 
 /// Greatest wear depth over the flank with its 90 % interval, or the reason why there is none.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct WearEstimate {
     /// Status of the estimate.
@@ -252,29 +253,6 @@ impl WearEstimate {
 
     /// Creates an estimate without a wear depth.
     pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress) -> Self {
-        Self {
-            status,
-            reason,
-            short_reason: None,
-            baseline,
-            median_um: None,
-            mean_um: None,
-            low_um: None,
-            p25_um: None,
-            p75_um: None,
-            high_um: None,
-            transmission_error_um: None,
-            at_least_um: None,
-            above_limit: None,
-            log_evidence: None,
-            best_state: None,
-            resolved_um: None,
-            novelty: None,
-            prognosis: None,
-            library_id: None,
-            ensemble_id: None,
-            method: format!("{METHOD}/{PREPROCESSING}"),
-            posterior: None,
-        }
+        Self { status, reason, baseline, method: format!("{METHOD}/{PREPROCESSING}"), ..Self::default() }
     }
 }
