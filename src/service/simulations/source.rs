@@ -71,18 +71,11 @@ impl LibrarySource {
 
     /// The cached library of these inputs.
     pub(super) fn cached(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
-        let id = library_id(pair, grid);
-        if let Ok(Some(library)) = self.cache.get(&id)
-            && has_inputs(&library, pair, grid)
-        {
-            return Some(library);
-        }
-        let library = self.shared.as_ref()?.fetch(&id).ok()??;
-        if !has_inputs(&library, pair, grid) {
-            return None;
-        }
-        self.cache.put(&library).ok()?;
-        Some(Arc::new(library))
+        kept(&self.cache, pair, grid).or_else(|| {
+            let library = self.shared.as_ref()?.fetch(pair, grid).ok()??;
+            self.cache.put(&library).ok()?;
+            Some(Arc::new(library))
+        })
     }
 
     /// Caches an ensemble for the next start. If that fails, for example on a full disk, the ensemble is used
@@ -166,6 +159,11 @@ fn has_inputs(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
     library.pair() == pair && library.manifest().grid == *grid
 }
 
+/// The library of these inputs in the folder of this process.
+fn kept(cache: &LibraryCache, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
+    cache.get(&library_id(pair, grid)).ok().flatten().filter(|library| has_inputs(library, pair, grid))
+}
+
 /// Returns an error if the build is cancelled.
 fn check(cancel: &AtomicBool) -> Result<(), LibraryError> {
     if cancel.load(Ordering::Relaxed) {
@@ -183,20 +181,18 @@ impl Shared {
         progress: &(dyn Fn(usize, usize) + Sync),
         cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
-        let id = library_id(pair, grid);
-        if let Ok(Some(library)) = cache.get(&id)
-            && has_inputs(&library, pair, grid)
-        {
+        if let Some(library) = kept(cache, pair, grid) {
             return Ok(library);
         }
+        let id = library_id(pair, grid);
         loop {
             check(cancel)?;
-            match self.fetch(&id) {
-                Ok(Some(library)) if has_inputs(&library, pair, grid) => {
+            match self.fetch(pair, grid) {
+                Ok(Some(library)) => {
                     cache.put(&library)?;
                     return Ok(Arc::new(library));
                 }
-                Ok(_) => match self.begin(&id) {
+                Ok(None) => match self.begin(&id) {
                     Ok(true) => break,
                     // Another process builds it.
                     Ok(false) => std::thread::sleep(RETRY_INTERVAL),
@@ -234,12 +230,13 @@ impl Shared {
     }
 
     /// The library as another process built it; `None` if there is none, or if it cannot be used.
-    fn fetch(&self, id: &str) -> Result<Option<Library>, StoreError> {
-        let Some(bytes) = self.store.objects().library(id)? else {
+    fn fetch(&self, pair: &PairSpec, grid: &GridSettings) -> Result<Option<Library>, StoreError> {
+        let id = library_id(pair, grid);
+        let Some(bytes) = self.store.objects().library(&id)? else {
             return Ok(None);
         };
         match decode(&bytes) {
-            Ok(library) if library.id() == id => Ok(Some(library)),
+            Ok(library) if library.id() == id && has_inputs(&library, pair, grid) => Ok(Some(library)),
             Ok(_) => Ok(None),
             Err(error) => {
                 tracing::warn!(library = id, %error, "failed to decode a shared library: building it again");
