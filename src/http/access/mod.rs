@@ -155,14 +155,16 @@ impl TokenWatch {
         Self { access, caller, checked_at: tokio::time::Instant::now() }
     }
 
-    /// Whether the token was revoked; checked only if the last check is not recent.
+    /// Whether the token was revoked; checked only if the last check is not recent, and assumed valid if the
+    /// tokens cannot be read.
     pub(super) async fn is_revoked(&mut self) -> bool {
         let Some(caller) = &self.caller else { return false };
         if self.checked_at.elapsed() < WATCH_INTERVAL {
             return false;
         }
         self.checked_at = tokio::time::Instant::now();
-        !self.access.is_still_valid(caller).await
+        let tokens = self.access.tokens.list().await;
+        tokens.is_ok_and(|tokens| tokens.is_none_or(|tokens| find(&tokens, &caller.presented).is_none()))
     }
 
     /// Waits until the next check is due; forever without a token.
@@ -170,16 +172,6 @@ impl TokenWatch {
         match self.caller {
             Some(_) => tokio::time::sleep_until(self.checked_at + WATCH_INTERVAL).await,
             None => std::future::pending().await,
-        }
-    }
-}
-
-impl Access {
-    /// Whether a caller's token is still valid; assumed valid if the tokens cannot be read.
-    pub(super) async fn is_still_valid(&self, caller: &Caller) -> bool {
-        match self.tokens.list().await {
-            Ok(tokens) => tokens.is_some_and(|tokens| find(&tokens, &caller.presented).is_some()),
-            Err(_) => true,
         }
     }
 }

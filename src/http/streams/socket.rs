@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
 use super::{CHECK_INTERVAL, OpenStream, refresh};
+use crate::http::access::TokenWatch;
 use crate::http::access::session::Caller;
 use crate::http::app::App;
 use crate::recording::stream::Chunk;
@@ -111,15 +112,15 @@ pub(crate) fn answer(
     upgrade.on_upgrade(async move |socket| {
         let over = app.service.streams.follow_end();
         let OpenStream { sender, share: _share } = stream;
-        let connection = Connection { app, sender, caller, over, checked_at: Instant::now() };
+        let token = TokenWatch::new(app.access, caller);
+        let connection = Connection { token, sender, over, checked_at: Instant::now() };
         connection.run(socket).await;
     })
 }
 
 struct Connection {
-    app: App,
+    token: TokenWatch,
     sender: StreamSender,
-    caller: Option<Caller>,
     over: watch::Receiver<bool>,
     checked_at: Instant,
 }
@@ -160,8 +161,12 @@ impl Connection {
                 () = self.sender.taken_over() => return Err(ServiceError::StreamTaken.into()),
                 received = tokio::time::timeout(CHECK_INTERVAL, socket.recv()) => received,
             };
+            if self.token.is_revoked().await {
+                return Err(Closing::new(4401, "the token was revoked"));
+            }
             if self.checked_at.elapsed() >= CHECK_INTERVAL {
-                self.check().await?;
+                self.checked_at = Instant::now();
+                refresh(&mut self.sender).await?;
             }
             match received {
                 Ok(Some(Ok(message))) => {
@@ -186,17 +191,6 @@ impl Connection {
                 Err(_) => {}
             }
         }
-    }
-
-    /// Checks whether the stream may continue, and reloads its record settings.
-    async fn check(&mut self) -> Result<(), Closing> {
-        self.checked_at = Instant::now();
-        if let Some(caller) = &self.caller
-            && !self.app.access.is_still_valid(caller).await
-        {
-            return Err(Closing::new(4401, "the token was revoked"));
-        }
-        refresh(&mut self.sender).await.map_err(Closing::from)
     }
 
     /// Handles a message together with further ones already received; false if the connection has ended.
