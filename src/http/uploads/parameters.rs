@@ -2,6 +2,7 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use super::csv_preview::CsvParameters;
 use crate::http::problem::Problem;
@@ -13,6 +14,18 @@ use crate::signal::OperatingPoint;
 const RAW: &str = "application/octet-stream";
 const EXPECTED: &str = "audio/wav, audio/flac, text/csv, application/x-matlab-data, application/x-npy, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
+/// Parameters that only some formats use.
+const OF_FORMATS: [&str; 8] = [
+    "sample",
+    "channels",
+    "recorded_channels",
+    "time_column",
+    "columns",
+    "sample_rate_hz",
+    "scale",
+    "sensitivity_mv_per_g",
+];
+
 /// Millivolts in a volt.
 const MV_PER_V: f64 = 1e3;
 
@@ -22,78 +35,68 @@ const MV_PER_V: f64 = 1e3;
 #[serde(deny_unknown_fields)]
 pub(crate) struct UploadParameters {
     /// Time of the first sample if the recording does not contain it; by default the time of receipt.
-    #[serde(skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
     /// Rotational frequency of the driving shaft in hertz.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 29.7)]
     shaft_speed_hz: Option<f64>,
     /// Torque on the driving shaft in newton metres.
-    #[serde(skip_serializing_if = "Option::is_none")]
     torque_nm: Option<f64>,
     /// Oil or housing temperature in degrees Celsius.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 62.5)]
     temperature_c: Option<f64>,
     /// The channel's name, if the recording has none.
-    #[serde(skip_serializing_if = "Option::is_none")]
     channel: Option<String>,
     /// Names of the channels of a multi-channel recording, in order, comma-separated; for MCAP, those of the
     /// channels in `recorded_channels`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "input,output")]
     channel_names: Option<String>,
     /// For MCAP: names in the recording of the channels that get the names in `channel_names`, in the same
     /// order, comma-separated. Other channels keep their names.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "gearbox/x,gearbox/y")]
     recorded_channels: Option<String>,
     /// Unit of the samples if the recording does not contain it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "m/s2")]
     unit: Option<String>,
     /// Units of the channels named in `channel_names`, in order, comma-separated, for samples whose unit the
     /// recording does not contain; empty entries use `unit`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "g,m/s2")]
     channel_units: Option<String>,
     /// Wear depth in µm from an inspection: shown beside the estimate, never used by it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
     /// For `application/octet-stream`: sample format, `f32` or `i16`, little-endian, channels interleaved.
-    #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
     /// Sampling rate in hertz: for `application/octet-stream` and `application/x-npy`, and for `text/csv` and
     /// `application/x-matlab-data` that do not contain it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
     /// For `text/csv`: number of the time column, from 1; 0 for none. By default detected from names and
     /// values.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 256)]
     time_column: Option<u16>,
     /// For `text/csv`: numbers of the channel columns, from 1, comma-separated; by default all but the time
     /// column.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "2,3")]
     columns: Option<String>,
     /// For `application/octet-stream`: number of channels, default 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
     /// Factor for each value, stored with the record. Full-scale integers of WAV and FLAC are 1 before it.
     /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
     /// Not for messages and MCAP.
-    #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
     /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`) to g. For WAV, FLAC, CSV,
     /// MATLAB and NumPy files.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 100.0)]
     sensitivity_mv_per_g: Option<f64>,
 }
 
 impl UploadParameters {
+    /// Returns the parameters that are given, by name.
+    fn given(&self) -> Map<String, Value> {
+        let Ok(Value::Object(mut given)) = serde_json::to_value(self) else { return Map::new() };
+        given.retain(|_, value| !value.is_null());
+        given
+    }
+
     /// Returns the format of a body; a problem if a value is given that the format does not use.
     pub(crate) fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
         let format = match media_type {
@@ -102,16 +105,6 @@ impl UploadParameters {
         };
         let format = format.ok_or_else(|| body::unsupported(media_type, EXPECTED))?;
         // A value that the format does not use is an error: ignoring it would give wrong records.
-        let given: &[(&str, bool)] = &[
-            ("sample", self.sample.is_some()),
-            ("channels", self.channels.is_some()),
-            ("recorded_channels", self.recorded_channels.is_some()),
-            ("time_column", self.time_column.is_some()),
-            ("columns", self.columns.is_some()),
-            ("sample_rate_hz", self.sample_rate_hz.is_some()),
-            ("scale", self.scale.is_some()),
-            ("sensitivity_mv_per_g", self.sensitivity_mv_per_g.is_some()),
-        ];
         let used: &[&str] = match format {
             RecordFormat::File(SampleFile { kind, .. }) if kind.has_rate() => {
                 &["scale", "sensitivity_mv_per_g"]
@@ -122,7 +115,9 @@ impl UploadParameters {
             }
             _ => &[],
         };
-        if let Some((name, _)) = given.iter().find(|(name, is_given)| *is_given && !used.contains(name)) {
+        let given = self.given();
+        if let Some(name) = OF_FORMATS.iter().find(|name| given.contains_key(**name) && !used.contains(name))
+        {
             return Err(Problem::query(name, "given", "no value with this content-type"));
         }
         let (sample_rate_hz, scale) = (self.sample_rate_hz, self.scale()?);
@@ -199,9 +194,7 @@ impl UploadParameters {
     /// recording contains it.
     pub(crate) fn channels_of_recording(&self) -> Result<ChannelNames, Problem> {
         const USED: [&str; 3] = ["recorded_channels", "channel_names", "channel_units"];
-        let given = serde_json::to_value(self).unwrap_or_default();
-        let mut names = given.as_object().into_iter().flat_map(|given| given.keys());
-        if let Some(name) = names.find(|name| !USED.contains(&name.as_str())) {
+        if let Some(name) = self.given().keys().find(|name| !USED.contains(&name.as_str())) {
             return Err(Problem::query(name, "given", "no value: an MCAP file contains it for each record"));
         }
         let [recorded, names, units] =
