@@ -16,7 +16,9 @@ use super::intake::Intake;
 use super::ownership::Ownership;
 use super::{ClusterError, WorkerLimits, message, overview};
 use crate::asset::AssetId;
-use crate::service::{Accepted, FailureCause, QueuedRecord, Service, ServiceError, WorkerOverview};
+use crate::service::{
+    Accepted, FailureCause, QueuedRecord, RecordOutcome, Service, ServiceError, WorkerOverview,
+};
 
 /// First and longest wait between two attempts to store a record.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -123,7 +125,7 @@ impl Worker {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             in_work: in_work.load(Ordering::Relaxed),
             at_once: at_once as u64,
-            stored: service.tally.stored(),
+            stored: service.tally.of(RecordOutcome::Stored),
             partitions: owned.borrow().iter().copied().collect(),
             states_read: service.history.states_read(),
         })

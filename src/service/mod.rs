@@ -98,7 +98,7 @@ pub use streams::{
     CampaignStatus, LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress,
     StreamSender, StreamStatus, StreamViewer, Streams,
 };
-pub use tally::Tally;
+pub use tally::{RecordOutcome, Tally};
 pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};
 pub(crate) use workers::blocking;
 pub use workers::{Ticket, Workers};

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use flankwatch::asset::AssetSpec;
 use flankwatch::library::{EnsembleSettings, FIRST_MEMBERS};
-use flankwatch::service::{LiveEvent, Precondition, Service};
+use flankwatch::service::{LiveEvent, Precondition, RecordOutcome, Service};
 use flankwatch::store::StoreSettings;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -99,7 +99,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             while let Some(done) = tasks.join_next().await {
                 done.unwrap();
             }
-            let stored: u64 = workers.iter().map(|worker| worker.tally.stored()).sum();
+            let stored: u64 = workers.iter().map(|worker| worker.tally.of(RecordOutcome::Stored)).sum();
             assert_eq!(stored, all.len() as u64, "{count} workers");
             for (spec, (keys, expected)) in after.iter().zip(expected.as_ref().unwrap()) {
                 settle(&workers[count - 1], &spec.id, keys).await;

@@ -12,7 +12,7 @@ use flankwatch::asset::AssetId;
 use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
 use flankwatch::http::{Node, RunningService, ServiceConfig, start, start_node};
 use flankwatch::library::{EnsembleSettings, GridSettings};
-use flankwatch::service::{QueueOverview, Readiness, Role, Service, ServiceFolders};
+use flankwatch::service::{QueueOverview, Readiness, RecordOutcome, Role, Service, ServiceFolders};
 use flankwatch::store::{Store, StoreSettings};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -218,7 +218,7 @@ impl TestCluster {
 
     /// Returns the number of records that a worker stored.
     pub(super) fn stored_by(&self, worker: usize) -> u64 {
-        self.workers[worker].1.tally.stored()
+        self.workers[worker].1.tally.of(RecordOutcome::Stored)
     }
 
     /// Returns the number of states of channels that a worker read from the store.

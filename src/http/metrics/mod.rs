@@ -17,7 +17,7 @@ use super::app::App;
 use super::notifications;
 use super::problem::Problem;
 use super::request::query::Parameters;
-use crate::service::{FeedCount, Service};
+use crate::service::{FeedCount, RecordOutcome, Service};
 use machines::{alarms, assets};
 use queue::QueueWatch;
 use text::MetricsText;
@@ -89,16 +89,15 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
     text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
     let segments = service.store.segment_count().await?;
     text.gauge("flankwatch_segments", "Segments in the store.", segments);
-    let tally = &service.tally;
     text.head("flankwatch_records_total", "counter", "Records received since the start, by outcome.");
     let outcomes = [
-        ("stored", tally.stored()),
-        ("repeated", tally.repeated()),
-        ("refused", tally.refused()),
-        ("queued", tally.queued()),
+        ("stored", RecordOutcome::Stored),
+        ("repeated", RecordOutcome::Repeated),
+        ("refused", RecordOutcome::Refused),
+        ("queued", RecordOutcome::Queued),
     ];
-    for (outcome, count) in outcomes {
-        text.line("flankwatch_records_total", &[("outcome", outcome)], count);
+    for (name, outcome) in outcomes {
+        text.line("flankwatch_records_total", &[("outcome", name)], service.tally.of(outcome));
     }
     let (used, capacity) = service.workers.queue();
     text.gauge("flankwatch_ingest_queue_used", "Uploads being processed or waiting.", used);

@@ -40,7 +40,7 @@ use super::record::{
 };
 use super::sensor_group::{SensorGroup, described};
 use super::simulations::Simulations;
-use super::tally::{Outcome, Tally};
+use super::tally::{RecordOutcome, Tally};
 use super::work_queue::{QueuedRecord, Role, WorkQueue};
 use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
@@ -136,7 +136,7 @@ impl Pipeline {
             let _ticket = ticket;
             let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
             if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
-                pipeline.tally.count(Outcome::Refused, 1);
+                pipeline.tally.count(RecordOutcome::Refused, 1);
             }
             accepted
         };
@@ -287,9 +287,9 @@ impl Pipeline {
         }
         for accepted in &accepted {
             let outcome = match accepted {
-                Accepted::Stored(_) => Outcome::Stored,
-                Accepted::Repeated(_) => Outcome::Repeated,
-                Accepted::Queued(_) => Outcome::Queued,
+                Accepted::Stored(_) => RecordOutcome::Stored,
+                Accepted::Repeated(_) => RecordOutcome::Repeated,
+                Accepted::Queued(_) => RecordOutcome::Queued,
             };
             self.tally.count(outcome, 1);
         }
