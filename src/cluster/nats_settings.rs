@@ -67,8 +67,9 @@ impl NatsSettings {
     }
 }
 
-/// Limits of a worker.
-#[derive(Debug, Clone)]
+/// Limits of a worker: the table `cluster.worker` of the settings file.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct WorkerLimits {
     /// Maximum number of records in work at once.
     pub at_once: usize,
@@ -94,13 +95,6 @@ pub(super) struct NatsTable {
     max_bytes: Option<u64>,
     events_kept: Option<u64>,
     ack_wait_s: Option<u64>,
-}
-
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct WorkerTable {
-    at_once: Option<usize>,
-    max_deliveries: Option<u32>,
 }
 
 impl NatsTable {
@@ -172,15 +166,10 @@ impl NatsTable {
     }
 }
 
-impl WorkerTable {
-    pub(super) fn resolve(self) -> Result<WorkerLimits, SettingError> {
-        let mut limits = WorkerLimits::default();
-        if let Some(at_once) = self.at_once {
-            limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
-        }
-        if let Some(max_deliveries) = self.max_deliveries {
-            limits.max_deliveries = at_least("cluster.worker.max_deliveries", max_deliveries, 1)?;
-        }
-        Ok(limits)
+impl WorkerLimits {
+    pub(super) fn check(self) -> Result<Self, SettingError> {
+        at_least("cluster.worker.at_once", self.at_once, 1)?;
+        at_least("cluster.worker.max_deliveries", self.max_deliveries, 1)?;
+        Ok(self)
     }
 }

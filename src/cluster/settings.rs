@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::error::at_least;
-use super::nats_settings::{NatsTable, WorkerTable};
+use super::nats_settings::NatsTable;
 use super::{NatsSettings, WorkerLimits};
 use crate::settings::SettingError;
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
@@ -23,7 +23,7 @@ pub struct ClusterTable {
     database: DatabaseTable,
     nats: NatsTable,
     objects: ObjectsTable,
-    worker: WorkerTable,
+    worker: WorkerLimits,
 }
 
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -95,7 +95,7 @@ impl ClusterTable {
             store.orphan_age = Duration::from_secs(at_least("cluster.objects.orphan_age_s", age, 3600)?);
         }
         let nats = self.nats.resolve(name, secrets.nats_password, secrets.nats_token)?;
-        Ok(ClusterSettings { store, nats, worker: self.worker.resolve()? })
+        Ok(ClusterSettings { store, nats, worker: self.worker.check()? })
     }
 }
 
