@@ -368,7 +368,7 @@ mod tests {
         assert!(store.finish_reading(&second, Ok("{}"), kept_until).await.unwrap());
         assert!(!store.renew_reading(&second, later).await.unwrap());
         let stored = store.resumable(&upload.id, later).await.unwrap().unwrap();
-        assert_eq!((stored.progress, stored.error), (UploadState::Finished, None));
+        assert_eq!((stored.state, stored.error), (UploadState::Finished, None));
         assert_eq!(store.upload_pieces(&upload.id).await.unwrap(), []);
     }
 }
