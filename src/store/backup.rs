@@ -151,8 +151,8 @@ fn copy_objects(from: &Objects, to: &Objects, names: &[String]) -> Result<Copied
     Ok(copied)
 }
 
-/// Moves all objects but those of these names into quarantine, and removes those whose quarantine has expired;
-/// returns the number moved.
+/// Moves all objects but those of these names into quarantine, and removes those whose quarantine has
+/// expired; returns the number moved.
 fn quarantine_all_but(names: &[String], raw: &Objects, quarantined_for: Duration) -> Result<u64, StoreError> {
     let (names, now): (HashSet<&String>, _) = (names.iter().collect(), Timestamp::now());
     let mut moved = 0;

@@ -327,8 +327,8 @@ impl Store {
         ] {
             let text = format!(
                 "DELETE FROM {table} WHERE generation NOT IN ($1, $2) AND segment_id IN (
-                    SELECT id FROM segments
-                    WHERE channel_no = $3 AND (start_time_ns, id) > ($4, $5) AND (start_time_ns, id) <= ($6, $7)
+                    SELECT id FROM segments WHERE channel_no = $3
+                        AND (start_time_ns, id) > ($4, $5) AND (start_time_ns, id) <= ($6, $7)
                  )"
             );
             sqlx::query(&text)
