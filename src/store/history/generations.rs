@@ -393,7 +393,7 @@ mod tests {
             sqlx::query(&text).execute(write).await.unwrap();
             for generation in 0..4 {
                 for text in [
-                    "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key) VALUES ($1, $2, '', '')",
+                    "INSERT INTO analyses VALUES ($1, $2, '', '', NULL, NULL, x'', x'')",
                     "INSERT INTO wear_estimates (segment_id, generation, status, reason, estimate) VALUES ($1, $2, '', '', '{}')",
                 ] {
                     let query = sqlx::query(text).bind(format!("s{n}")).bind(i64::from(generation));
