@@ -4,6 +4,9 @@
 //! are stored, because an object is counted in the transaction that stores the results of its record.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::Mutex;
 
 use super::objects::{RawObjects, WaitingObjects};
 use crate::asset::AssetId;
@@ -19,12 +22,14 @@ pub(crate) struct Retention {
     store: Store,
     objects: Arc<RawObjects>,
     quotas: RawQuotas,
-    turn: tokio::sync::Mutex<()>,
+    turn: Mutex<()>,
+    /// Whether something was committed since the quotas were last applied.
+    is_due: AtomicBool,
 }
 
 impl Retention {
     pub(crate) fn new(store: Store, objects: Arc<RawObjects>, quotas: RawQuotas) -> Self {
-        Self { store, objects, quotas, turn: tokio::sync::Mutex::default() }
+        Self { store, objects, quotas, turn: Mutex::default(), is_due: AtomicBool::default() }
     }
 
     /// Applies the quotas in the background.
@@ -32,14 +37,18 @@ impl Retention {
         if self.quotas == RawQuotas::default() {
             return;
         }
+        self.is_due.store(true, Ordering::SeqCst);
         let retention = Arc::clone(self);
         tokio::spawn(async move {
-            // One application at a time; the next one sees its result.
-            let Ok(_turn) = retention.turn.try_lock() else {
-                return;
-            };
-            if let Err(error) = retention.apply().await {
-                tracing::warn!(%error, "failed to apply the quotas of raw recordings");
+            // One application at a time, which then looks for what was committed meanwhile.
+            while retention.is_due.load(Ordering::SeqCst) {
+                let Ok(_turn) = retention.turn.try_lock() else {
+                    return;
+                };
+                retention.is_due.store(false, Ordering::SeqCst);
+                if let Err(error) = retention.apply().await {
+                    tracing::warn!(%error, "failed to apply the quotas of raw recordings");
+                }
             }
         });
     }
