@@ -30,7 +30,7 @@ pub struct CsvFrames<R> {
     reader: csv::Reader<CollapseSpaces<LineLimit<R>>>,
     head: Head,
     channels: Vec<String>,
-    units: Vec<Option<&'static str>>,
+    units: Vec<Option<String>>,
     columns: Vec<usize>,
     /// Whether the columns were given explicitly.
     has_explicit_columns: bool,
@@ -85,7 +85,7 @@ impl<R: Read> CsvFrames<R> {
         Ok(Self {
             reader,
             channels: columns.iter().map(|column| of(column).name.clone()).collect(),
-            units: columns.iter().map(|column| of(column).unit).collect(),
+            units: columns.iter().map(|column| of(column).unit.clone()).collect(),
             columns,
             has_explicit_columns,
             decimals: Decimals::separated_by(head.separator),
@@ -101,7 +101,7 @@ impl<R: Read> CsvFrames<R> {
     }
 
     /// Returns the units of the channels, as far as the header states them.
-    pub fn units(&self) -> &[Option<&'static str>] {
+    pub fn units(&self) -> &[Option<String>] {
         &self.units
     }
 

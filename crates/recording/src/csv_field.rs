@@ -7,76 +7,94 @@ use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 
-/// Units in a header or in a line below it, and their canonical spelling.
-const UNITS: [(&str, &str); 50] = [
-    ("m/s2", "m/s2"),
-    ("m/s^2", "m/s2"),
-    ("m/s**2", "m/s2"),
-    ("m/s²", "m/s2"),
-    ("mm/s2", "mm/s2"),
-    ("mm/s^2", "mm/s2"),
-    ("mm/s²", "mm/s2"),
-    ("g", "g"),
-    ("mg", "mg"),
-    ("m/s", "m/s"),
-    ("mm/s", "mm/s"),
-    ("m", "m"),
-    ("mm", "mm"),
-    ("µm", "um"),
-    ("um", "um"),
-    ("v", "V"),
-    ("mv", "mV"),
-    ("a", "A"),
-    ("ma", "mA"),
-    ("n", "N"),
-    ("kn", "kN"),
-    ("nm", "Nm"),
-    ("n·m", "Nm"),
-    ("pa", "Pa"),
-    ("kpa", "kPa"),
-    ("mpa", "MPa"),
-    ("bar", "bar"),
-    ("rpm", "rpm"),
-    ("1/min", "rpm"),
-    ("u/min", "rpm"),
-    ("hz", "Hz"),
-    ("khz", "kHz"),
-    ("°c", "degC"),
-    ("degc", "degC"),
-    ("c", "degC"),
-    ("k", "K"),
-    ("%", "%"),
-    ("1", "1"),
-    ("-", "1"),
-    ("s", "s"),
-    ("sec", "s"),
-    ("sek", "s"),
-    ("seconds", "s"),
-    ("ms", "ms"),
-    ("us", "us"),
-    ("µs", "us"),
-    ("μs", "us"),
-    ("μm", "um"),
-    ("ns", "ns"),
-    ("utc", "utc"),
+/// Units in a header or in a line below it: the canonical spelling of each, then others.
+const UNITS: [&[&str]; 34] = [
+    &["m/s2", "m/s^2", "m/s**2", "m/s²", "m/s/s", "m/sec2", "m/sec^2", "m/sec²"],
+    &["mm/s2", "mm/s^2", "mm/s**2", "mm/s²", "mm/s/s", "mm/sec2", "mm/sec^2", "mm/sec²"],
+    &["g"],
+    &["mg"],
+    &["m/s", "m/sec"],
+    &["mm/s", "mm/sec"],
+    &["in/s", "in/sec", "inch/s", "inch/sec", "ips"],
+    &["m"],
+    &["mm"],
+    &["um", "µm", "μm"],
+    &["nm"],
+    &["V"],
+    &["mV"],
+    &["A"],
+    &["mA"],
+    &["N"],
+    &["kN"],
+    &["Nm", "N·m"],
+    &["Pa"],
+    &["mPa"],
+    &["kPa"],
+    &["MPa"],
+    &["bar"],
+    &["rpm", "1/min", "U/min"],
+    &["Hz"],
+    &["kHz"],
+    &["degC", "°C", "C"],
+    &["K"],
+    &["%"],
+    &["1", "-"],
+    &["s", "sec", "sek", "seconds"],
+    &["ms"],
+    &["us", "µs", "μs"],
+    &["ns"],
 ];
 
-/// Returns the canonical spelling of a unit, without brackets; `None` if it is unknown.
+/// Returns the canonical spelling of a unit; `None` if it is unknown. The case of letters counts only if it
+/// distinguishes two units, such as mPa and MPa.
 pub(super) fn unit(text: &str) -> Option<&'static str> {
-    let bare = text.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
-    let bare = bare.to_lowercase();
-    UNITS.iter().find(|(name, _)| *name == bare).map(|(_, unit)| *unit)
+    let spelled = |is_same: fn(&str, &str) -> bool| {
+        UNITS.iter().filter(move |unit| unit.iter().any(|name| is_same(name, text))).map(|unit| unit[0])
+    };
+    let mut alike = spelled(str::eq_ignore_ascii_case);
+    spelled(str::eq).next().or_else(|| alike.next().filter(|_| alike.next().is_none()))
 }
 
-/// Splits a column's name from the unit in brackets at its end.
-pub(super) fn name_and_unit(name: &str) -> (&str, Option<&'static str>) {
-    let ending = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
-        let (stem, inner) = name.strip_suffix(close)?.rsplit_once(open)?;
-        Some((stem.trim_end(), unit(inner)?))
-    });
-    match ending {
-        Some((stem, unit)) if !stem.is_empty() => (stem, Some(unit)),
-        _ => (name, None),
+/// Returns the text within a pair of brackets.
+fn within(text: &str, open: char, close: char) -> Option<&str> {
+    Some(text.strip_prefix(open)?.strip_suffix(close)?.trim())
+}
+
+/// Returns the unit in square brackets: as it is if it is unknown; `None` if the text is a number, as that of
+/// a sensor.
+fn in_square_brackets(text: &str) -> Option<String> {
+    match unit(text) {
+        Some(known) => Some(known.to_owned()),
+        None if text.bytes().all(|byte| byte.is_ascii_digit()) => None,
+        None => Some(text.to_owned()),
+    }
+}
+
+/// Returns the unit in a field of a line of units; `None` if the field is none.
+pub(super) fn unit_field(field: &str) -> Option<String> {
+    if let Some(text) = within(field, '[', ']') {
+        return in_square_brackets(text);
+    }
+    unit(within(field, '(', ')').unwrap_or(field)).map(str::to_owned)
+}
+
+/// Splits a column's name from the unit in brackets at its end. An unknown unit remains in the name too.
+///
+/// Text in parentheses is a unit only if it is a known one, and no single letter that may be a direction or a
+/// number of the sensor, such as those of `(V)` and `(1)`.
+pub(super) fn name_and_unit(name: &str) -> (&str, Option<String>) {
+    let split = |open: char, close: char| {
+        let (stem, text) = name.strip_suffix(close)?.rsplit_once(open)?;
+        Some((stem.trim_end(), text.trim())).filter(|(stem, _)| !stem.is_empty())
+    };
+    if let Some((stem, text)) = split('[', ']') {
+        return (if unit(text).is_some() { stem } else { name }, in_square_brackets(text));
+    }
+    let in_parentheses =
+        split('(', ')').filter(|(_, text)| text.chars().count() > 1 || ["g", "G", "m", "s"].contains(text));
+    match in_parentheses.and_then(|(stem, text)| Some((stem, unit(text)?))) {
+        Some((stem, unit)) => (stem, Some(unit.to_owned())),
+        None => (name, None),
     }
 }
 
@@ -224,10 +242,65 @@ mod tests {
 
     #[test]
     fn units_are_distinguished_from_words() {
-        assert_eq!(name_and_unit("acc [m/s²]"), ("acc", Some("m/s2")));
-        assert_eq!(name_and_unit("a1 (g)"), ("a1", Some("g")));
-        assert_eq!(name_and_unit("a1 (left)"), ("a1 (left)", None));
-        assert_eq!(name_and_unit("[g]"), ("[g]", None));
-        assert_eq!((unit("(mm/s)"), unit("left")), (Some("mm/s"), None));
+        for (name, stem, unit) in [
+            ("acc [m/s²]", "acc", Some("m/s2")),
+            ("a1 (g)", "a1", Some("g")),
+            ("ACC (M/S2)", "ACC", Some("m/s2")),
+            ("vel [in/s]", "vel", Some("in/s")),
+            ("vel (IPS)", "vel", Some("in/s")),
+            ("vel (mm/sec)", "vel", Some("mm/s")),
+            ("ch1 (mV)", "ch1", Some("mV")),
+            ("Zeit (s)", "Zeit", Some("s")),
+            ("speed (rpm)", "speed", Some("rpm")),
+            ("ch1 [V]", "ch1", Some("V")),
+            ("ratio [-]", "ratio", Some("1")),
+            ("a1 (left)", "a1 (left)", None),
+            ("[g]", "[g]", None),
+            // Directions and numbers of sensors.
+            ("Motor DE (V)", "Motor DE (V)", None),
+            ("Motor DE (A)", "Motor DE (A)", None),
+            ("Motor DE (H)", "Motor DE (H)", None),
+            ("Mast (N)", "Mast (N)", None),
+            ("Motor (M)", "Motor (M)", None),
+            ("Motor (S)", "Motor (S)", None),
+            ("Acc (1)", "Acc (1)", None),
+            ("Acc (-)", "Acc (-)", None),
+            ("Acc [2]", "Acc [2]", None),
+            ("Acc []", "Acc []", None),
+            // A unit that is stated is never replaced by another.
+            ("vel [furlong/s]", "vel [furlong/s]", Some("furlong/s")),
+            ("p [mpa]", "p [mpa]", Some("mpa")),
+        ] {
+            let (found, found_unit) = name_and_unit(name);
+            assert_eq!((found, found_unit.as_deref()), (stem, unit), "{name}");
+        }
+        for (field, unit) in [
+            ("(mm/s)", Some("mm/s")),
+            ("[ V ]", Some("V")),
+            ("V", Some("V")),
+            ("[furlong/s]", Some("furlong/s")),
+            ("left", None),
+            ("[7]", None),
+        ] {
+            assert_eq!(unit_field(field).as_deref(), unit, "{field}");
+        }
+    }
+
+    #[test]
+    fn the_case_of_letters_counts_where_it_distinguishes_units() {
+        for (text, expected) in [
+            ("mPa", Some("mPa")),
+            ("MPa", Some("MPa")),
+            ("kpa", Some("kPa")),
+            ("MPA", None),
+            ("nm", Some("nm")),
+            ("Nm", Some("Nm")),
+            ("NM", None),
+            ("v", Some("V")),
+            ("MM/S", Some("mm/s")),
+            ("m/sec^2", Some("m/s2")),
+        ] {
+            assert_eq!(unit(text), expected, "{text}");
+        }
     }
 }

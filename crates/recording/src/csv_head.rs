@@ -2,10 +2,11 @@
 //! and the columns.
 
 use csv::ReaderBuilder;
+use flankwatch_signal::Motion;
 
 use super::RecordingError;
 use super::csv_clock::Clock;
-use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit};
+use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit, unit_field};
 use super::csv_layout::{CsvLayout, MAX_COLUMNS};
 use super::decoded_block::MAX_CHANNEL_BYTES;
 use super::error::shortened;
@@ -60,7 +61,7 @@ pub(super) struct Column {
     /// Text in the header, including the unit in brackets.
     pub(super) label: String,
     pub(super) name: String,
-    pub(super) unit: Option<&'static str>,
+    pub(super) unit: Option<String>,
 }
 
 impl Head {
@@ -174,8 +175,8 @@ fn has_decimal_commas(lines: &[&str], (separator, line): (u8, usize)) -> bool {
     if separator != b',' || above.is_some_and(|line| line.contains(',')) {
         return false;
     }
-    let unit_above = above.and_then(|line| unit(line).or(name_and_unit(line).1));
-    let is_vibration = matches!(unit_above, Some("m/s2" | "mm/s2" | "g" | "mg" | "m/s" | "mm/s"));
+    let unit_above = above.and_then(|line| unit_field(line).or(name_and_unit(line).1));
+    let is_vibration = unit_above.is_some_and(|unit| Motion::of_unit(&unit).is_some());
     let samples = lines[line..].iter().map(|line| line.trim()).filter(|line| !line.is_empty());
     let parts: Option<Vec<(&str, &str)>> = samples.map(|line| line.split_once(',')).collect();
     let is_whole = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
@@ -216,7 +217,8 @@ fn fallback_structure(lines: &[&str]) -> (u8, usize) {
     (separator, usize::from(is_header))
 }
 
-type Header = (Option<Vec<String>>, Vec<Option<&'static str>>, usize);
+type Units = Vec<Option<String>>;
+type Header = (Option<Vec<String>>, Units, usize);
 
 /// Names of the columns, their units if given in their own line, and the number of lines before both.
 fn header(before: &[&str], separator: u8, width: usize) -> Header {
@@ -232,17 +234,17 @@ fn header(before: &[&str], separator: u8, width: usize) -> Header {
     let Some((at, last)) = rows.next().filter(|(_, row)| fits(row)) else {
         return (None, Vec::new(), before.len());
     };
-    let are_units = last.iter().all(|field| field.is_empty() || unit(field).is_some())
+    let are_units = last.iter().all(|field| field.is_empty() || unit_field(field).is_some())
         && last.iter().any(|field| !field.is_empty());
     match rows.next().filter(|(_, row)| are_units && fits(row)) {
-        Some((at, names)) => (Some(names), last.iter().map(|field| unit(field)).collect(), at),
+        Some((at, names)) => (Some(names), last.iter().map(|field| unit_field(field)).collect(), at),
         None => (Some(last), Vec::new(), at),
     }
 }
 
 fn columns(
     names: Option<&[String]>,
-    units: &[Option<&'static str>],
+    units: &[Option<String>],
     width: usize,
     line: usize,
 ) -> Result<Vec<Column>, RecordingError> {
@@ -264,7 +266,7 @@ fn columns(
         let is_free = |name: &String| columns.iter().all(|column| column.name != *name);
         let numbered = (2..).map(|number| format!("{stem}_{number}"));
         let name = std::iter::once(stem.to_owned()).chain(numbered).find(is_free).unwrap_or_default();
-        columns.push(Column { unit: units.get(at).copied().flatten().or(of_name), name, label });
+        columns.push(Column { unit: units.get(at).cloned().flatten().or(of_name), name, label });
     }
     Ok(columns)
 }
@@ -299,20 +301,19 @@ const TIME_NAMES: [&str; 22] = [
 /// `time (s)`, `Zeit [ms]`, `timestamp_ns`, `Time - a1`, but not `t_oil`.
 fn time_name(column: &Column) -> Option<Option<&'static str>> {
     let name = column.label.to_lowercase();
-    let of_time = |unit: &&'static str| *unit == "utc" || seconds_of(unit).is_some();
-    if column.unit.is_some_and(|unit| seconds_of(unit).is_some()) {
+    if column.unit.as_deref().is_some_and(|unit| seconds_of(unit).is_some()) {
         return Some(None);
     }
     let mut words = name.split([' ', '(', '[', '_', ')', ']', '/', ',']).filter(|word| !word.is_empty());
     let is_time = TIME_NAMES.contains(&words.next().unwrap_or_default());
-    let units: Vec<Option<&'static str>> = words.map(unit).collect();
-    let is_all = units.iter().all(|unit| unit.as_ref().is_some_and(of_time));
+    let of_time = |word| unit(word).filter(|unit| seconds_of(unit).is_some());
+    let units: Vec<Option<&'static str>> = words.filter(|word| *word != "utc").map(of_time).collect();
     // `Time - a1` is the time of channel `a1`.
     let of_channel = ["time", "zeit"].iter().any(|stem| {
         name.strip_prefix(stem).is_some_and(|rest| rest.trim_start().starts_with(['-', ':', '/', '_']))
     });
-    ((is_time && is_all) || (of_channel && column.unit.is_none()))
-        .then(|| units.into_iter().flatten().find(|unit| *unit != "utc" && seconds_of(unit).is_some()))
+    ((is_time && units.iter().all(Option::is_some)) || (of_channel && column.unit.is_none()))
+        .then(|| units.into_iter().flatten().next())
 }
 
 fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separator: u8) -> Option<Clock> {
@@ -336,7 +337,7 @@ fn clock_at(columns: &[Column], at: usize, samples: &[Vec<String>]) -> Clock {
         return Clock::Moment(at);
     }
     let column = &columns[at];
-    let stated = column.unit.or_else(|| time_name(column).flatten()).and_then(seconds_of);
+    let stated = column.unit.as_deref().or_else(|| time_name(column).flatten()).and_then(seconds_of);
     let number: f64 = first.and_then(|field| field.replace(',', ".").parse().ok()).unwrap_or(0.0);
     // Numbers this large count from 1970, in the unit that matches their size.
     let guessed = match number {
@@ -393,7 +394,7 @@ fn stated_rate(lines: &[&str], has_decimal_comma: bool) -> Option<StatedRate> {
             return Some(StatedRate::Ambiguous);
         }
         let number: f64 = Decimals::separated_by(b';').parse(number)?;
-        let factor = [of_value, of_key].into_iter().flatten().find_map(hertz_of).unwrap_or(1.0);
+        let factor = [of_value, of_key.as_deref()].into_iter().flatten().find_map(hertz_of).unwrap_or(1.0);
         Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite()).map(StatedRate::Known)
     })
 }

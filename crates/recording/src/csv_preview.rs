@@ -10,7 +10,7 @@ pub struct CsvColumn {
     /// The label without its unit.
     pub name: String,
     /// The unit in the header.
-    pub unit: Option<&'static str>,
+    pub unit: Option<String>,
     /// The role.
     pub role: ColumnRole,
 }
@@ -46,7 +46,7 @@ impl CsvPreview {
         let columns = frames.columns().map(|(column, role)| CsvColumn {
             label: column.label.clone(),
             name: column.name.clone(),
-            unit: column.unit,
+            unit: column.unit.clone(),
             role,
         });
         Ok(Self { columns: columns.collect(), contents: contents(lines, layout, intervals) })
@@ -89,7 +89,7 @@ mod tests {
                      2026-03-01T08:00:01Z;4;7\n2026-03-01T08:00:01.5Z;3;7\n";
         let layout = CsvLayout::new(None, None, &[2]).unwrap();
         let preview = CsvPreview::of(lines.as_bytes(), layout, 2).unwrap();
-        let columns: Vec<_> = preview.columns.iter().map(|c| (c.name.as_str(), c.unit, c.role)).collect();
+        let columns: Vec<_> = preview.columns.iter().map(|c| (c.name.as_str(), c.unit.as_deref(), c.role)).collect();
         assert_eq!(
             columns,
             [

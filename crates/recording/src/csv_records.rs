@@ -49,7 +49,7 @@ impl<R: Read> Frames for TimedCsvFrames<R> {
         let units = channels.iter().zip(self.frames.units());
         Ok(FramesInfo {
             channel_units: units
-                .filter_map(|(channel, unit)| Some((channel.clone(), (*unit)?.to_owned())))
+                .filter_map(|(channel, unit)| Some((channel.clone(), unit.clone()?)))
                 .collect(),
             channels,
             sample_rate_hz: self.timing.sample_rate_hz(defaults.sample_rate_hz)?,

@@ -64,7 +64,7 @@ struct CsvColumnView {
     /// Name of the channel.
     name: String,
     /// Unit in the header.
-    unit: Option<&'static str>,
+    unit: Option<String>,
     /// Role of the column.
     role: CsvColumnRole,
     /// For a channel: minimum and maximum of up to 200 intervals of the lines.
