@@ -8,12 +8,12 @@ use super::wav_format::{WavFormat, WavHeader};
 /// Number of bytes read at a time (rounded to whole frames).
 const READ_BYTES: usize = 1 << 16;
 
-/// Position of the valid bits in a container that is at least a byte wider.
+/// Position of the valid bits in a wider container.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Justification {
-    /// In the upper bytes, as specified.
+    /// In the upper bits, as specified.
     Left,
-    /// In the lower bytes, as some writers do.
+    /// In the lower bits, as some writers do.
     Right,
 }
 
@@ -179,35 +179,43 @@ impl WavSamples {
     /// Determines the position of the valid bits from the samples, and rejects samples that fit neither
     /// position.
     fn check_padding(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {
-        let padding = self.format.container - self.format.bits.div_ceil(8);
-        if padding == 0 || self.format.float {
+        let padding = padding_bits(&self.format);
+        if padding == 0 {
             return Ok(());
         }
         let samples = bytes.chunks_exact(self.format.container);
         if samples.clone().all(|bytes| bytes.iter().all(|&byte| byte == 0)) {
             return Ok(());
         }
-        let mut left = samples.clone().all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
-        let mut right = samples.clone().all(|bytes| {
-            let high = most_significant_first(bytes, &self.format) >> (64 - 8 * padding);
-            high == 0 || high == (1 << (8 * padding)) - 1
-        });
         // The position found in earlier data applies to the rest.
-        left &= self.justification != Some(Justification::Right);
-        right &= self.justification != Some(Justification::Left);
-        self.justification = match (left, right) {
-            (true, _) => Some(Justification::Left),
-            (false, true) => Some(Justification::Right),
-            (false, false) => {
-                return Err(RecordingError::wav(
-                    "sample padding",
-                    format!(
-                        "not empty in containers of {} bytes for {} bits",
-                        self.format.container, self.format.bits
-                    ),
-                    "all samples in the upper bytes of the container, or all in the lower ones",
-                ));
-            }
+        let may_be = |justification| self.justification.is_none_or(|found| found == justification);
+        let is_left = |empty_bits: usize| {
+            may_be(Justification::Left)
+                && samples.clone().all(|bytes| low_bits(bytes, &self.format, empty_bits) == 0)
+        };
+        let is_right = || {
+            may_be(Justification::Right)
+                && samples.clone().all(|bytes| {
+                    let high = most_significant_first(bytes, &self.format) >> (64 - padding);
+                    high == 0 || high == (1 << padding) - 1
+                })
+        };
+        self.justification = if is_left(padding) {
+            Some(Justification::Left)
+        } else if is_right() {
+            Some(Justification::Right)
+        } else if is_left(padding / 8 * 8) {
+            // Some writers use all bits of the last byte, such as 24 for 20.
+            Some(Justification::Left)
+        } else {
+            return Err(RecordingError::wav(
+                "sample padding",
+                format!(
+                    "not empty in containers of {} bytes for {} bits",
+                    self.format.container, self.format.bits
+                ),
+                "all samples in the upper bits of the container, or all in the lower ones",
+            ));
         };
         Ok(())
     }
@@ -224,8 +232,14 @@ fn most_significant_first(bytes: &[u8], format: &WavFormat) -> u64 {
     u64::from_be_bytes(word)
 }
 
-fn low_bytes(bytes: &[u8], format: &WavFormat, padding: usize) -> u64 {
-    (most_significant_first(bytes, format) >> (64 - 8 * bytes.len())) & ((1 << (8 * padding)) - 1)
+fn low_bits(bytes: &[u8], format: &WavFormat, padding: usize) -> u64 {
+    (most_significant_first(bytes, format) >> (64 - 8 * bytes.len())) & ((1 << padding) - 1)
+}
+
+/// Returns the number of bits of a container that hold no sample. Those of a single byte, whose samples are
+/// unsigned, are always the lower ones.
+fn padding_bits(format: &WavFormat) -> usize {
+    if format.float || format.container == 1 { 0 } else { 8 * format.container - format.bits }
 }
 
 fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
@@ -237,7 +251,7 @@ fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>
         };
     }
     let word = match justification {
-        Some(Justification::Right) => word << (8 * (format.container - format.bits.div_ceil(8))),
+        Some(Justification::Right) => word << padding_bits(format),
         _ => word,
     };
     // Samples of up to 8 bits are unsigned around 128: flipping the sign bit makes them signed.
@@ -249,6 +263,36 @@ fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The values of words, in the lower or the upper bits of a container.
+    fn values_of(bits: usize, container: usize, words: &[i32]) -> Result<Vec<f32>, String> {
+        let (channels, sample_rate_hz, float, big_endian) = (1, 8000, false, false);
+        let format = WavFormat { channels, sample_rate_hz, bits, container, float, big_endian };
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()[..container].to_vec()).collect();
+        let mut samples = WavSamples::new(format);
+        samples.values(&bytes).map(Iterator::collect).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn bits_that_are_no_whole_bytes_are_found_in_either_position() {
+        for (bits, container, words) in [
+            (12, 2, [0x7ff, -0x800, 1]),
+            (12, 2, [0x7ff0, -0x8000, 0x10]),
+            (20, 4, [0x7_ffff, -0x8_0000, 1]),
+            (20, 4, [0x7_ffff << 12, i32::MIN, 1 << 12]),
+            (20, 3, [0x7_ffff, -0x8_0000, 1]),
+        ] {
+            let full = f32::from(1_u16 << (bits - 9)) * 256.0;
+            let expected = [(full - 1.0) / full, -1.0, 1.0 / full];
+            assert_eq!(values_of(bits, container, &words).unwrap(), expected, "{bits} in {container}");
+        }
+        // All bits of the last byte may be used.
+        assert_eq!(values_of(20, 3, &[0x40_0001]).unwrap(), [0.500_000_1]);
+        let error = values_of(20, 4, &[0x4000_0001]).unwrap_err();
+        assert!(error.contains("not empty in containers of 4 bytes for 20 bits"), "{error}");
+        // Eight bits and fewer are unsigned.
+        assert_eq!(values_of(7, 1, &[0xc0, 0x01]).unwrap(), [0.5, -0.992_187_5]);
+    }
 
     #[test]
     fn parts_of_the_data_share_the_position_of_the_bits() {
