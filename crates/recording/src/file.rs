@@ -41,16 +41,9 @@ enum Records {
 /// The frames of a WAV, FLAC, CSV, MATLAB (v5) or NumPy file. CSV may be compressed with gzip; it is read
 /// twice, first for its timing. A MATLAB file is read into memory.
 pub struct FileFrames {
-    frames: AnyFrames,
+    frames: Box<dyn Frames + Send>,
+    format: Format,
     read: Arc<AtomicU64>,
-}
-
-enum AnyFrames {
-    Wav(Box<WavFrames<CountedFile>>),
-    Csv(Box<TimedCsvFrames<Box<dyn Read + Send>>>),
-    Flac(Box<FlacFrames<CountedFile>>),
-    Npy(Box<NpyFrames<CountedFile>>),
-    Mat(Box<MatFrames>),
 }
 
 /// A file that counts the bytes read.
@@ -142,35 +135,17 @@ impl FileFrames {
 
     /// Returns the file's format.
     pub fn format(&self) -> Format {
-        match &self.frames {
-            AnyFrames::Wav(_) => Format::Wav,
-            AnyFrames::Csv(_) => Format::Csv,
-            AnyFrames::Flac(_) => Format::Flac,
-            AnyFrames::Npy(_) => Format::Npy,
-            AnyFrames::Mat(_) => Format::Mat,
-        }
+        self.format
     }
 }
 
 impl Frames for FileFrames {
     fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
-        match &self.frames {
-            AnyFrames::Wav(frames) => frames.info(defaults),
-            AnyFrames::Csv(frames) => frames.info(defaults),
-            AnyFrames::Flac(frames) => frames.info(defaults),
-            AnyFrames::Npy(frames) => frames.info(defaults),
-            AnyFrames::Mat(frames) => frames.info(defaults),
-        }
+        self.frames.info(defaults)
     }
 
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
-        match &mut self.frames {
-            AnyFrames::Wav(frames) => frames.next_frame(frame),
-            AnyFrames::Csv(frames) => frames.next_frame(frame),
-            AnyFrames::Flac(frames) => frames.next_frame(frame),
-            AnyFrames::Npy(frames) => frames.next_frame(frame),
-            AnyFrames::Mat(frames) => frames.next_frame(frame),
-        }
+        self.frames.next_frame(frame)
     }
 }
 
@@ -208,25 +183,25 @@ impl OpenFile {
     }
 
     fn frames(mut self, channels: &[String], read: &Arc<AtomicU64>) -> Result<FileFrames, RecordingError> {
-        let frames = match self.format {
+        let format = self.format;
+        let frames: Box<dyn Frames + Send> = match format {
             Format::Wav => {
                 let bytes = self.bytes;
-                AnyFrames::Wav(Box::new(WavFrames::new(self.counted(read), bytes)?))
+                Box::new(WavFrames::new(self.counted(read), bytes)?)
             }
             Format::Csv => {
                 let zipped = self.zipped;
                 let first_pass = BufReader::new(unzipped(&mut self.file, zipped));
                 let timing = CsvTiming::scan(CsvFrames::new(first_pass, channels)?)?;
                 self.file.seek(SeekFrom::Start(0))?;
-                let reader: Box<dyn Read + Send> =
-                    Box::new(BufReader::new(unzipped(self.counted(read), zipped)));
-                AnyFrames::Csv(Box::new(TimedCsvFrames::new(CsvFrames::new(reader, channels)?, timing)))
+                let reader = BufReader::new(unzipped(self.counted(read), zipped));
+                Box::new(TimedCsvFrames::new(CsvFrames::new(reader, channels)?, timing))
             }
-            Format::Flac => AnyFrames::Flac(Box::new(FlacFrames::new(self.counted(read))?)),
-            Format::Npy => AnyFrames::Npy(Box::new(NpyFrames::new(self.counted(read))?)),
+            Format::Flac => Box::new(FlacFrames::new(self.counted(read))?),
+            Format::Npy => Box::new(NpyFrames::new(self.counted(read))?),
             Format::Mat => {
                 check_mat_size(self.bytes)?;
-                AnyFrames::Mat(Box::new(mat_frames(self.counted(read))?))
+                Box::new(mat_frames(self.counted(read))?)
             }
             Format::Mcap => {
                 return Err(RecordingError::field(
@@ -236,7 +211,7 @@ impl OpenFile {
                 ));
             }
         };
-        Ok(FileFrames { frames, read: Arc::clone(read) })
+        Ok(FileFrames { frames, format, read: Arc::clone(read) })
     }
 }
 
