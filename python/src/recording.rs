@@ -57,11 +57,11 @@ fn contents(
     let mut frames = FileFrames::open(path, channels)?;
     let mut has_rate = true;
     let info = match frames.info(&defaults) {
-        Err(_) if defaults.sample_rate_hz.is_none() => {
+        Err(error) if defaults.sample_rate_hz.is_none() => {
             // It fails again unless only the rate is missing.
             has_rate = false;
             defaults.sample_rate_hz = Some(1.0);
-            frames.info(&defaults)?
+            frames.info(&defaults).map_err(|_| error)?
         }
         info => info?,
     };

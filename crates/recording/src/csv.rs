@@ -133,23 +133,41 @@ impl<R: Read> CsvFrames<R> {
         })
     }
 
-    /// Returns whether the first of several columns may be an unnamed time column.
-    pub(super) fn may_be_unnamed_time(&self) -> bool {
-        !self.has_explicit_columns
-            && self.head.clock.is_none()
-            && self.head.columns.len() > 1
-            && self.columns.first() == Some(&0)
+    /// Reads all data columns as channels, even times and counters.
+    pub(super) fn keep_counters(&mut self) {
+        self.has_explicit_columns = true;
     }
 
-    /// Creates the error for a first column that is an unnamed time column.
-    pub(super) fn unnamed_time(&self) -> RecordingError {
-        RecordingError::CsvLine {
-            line: self.head.lines.max(1),
-            what: format!(
-                "column {:?} rises by the same step from line to line, as only a time does: expected it to be named time, or not to be selected",
-                self.head.columns[0].label
-            ),
+    /// Returns the indices of the channels that are times or counters, as far as the columns were not given
+    /// explicitly. `are_even` tells of each channel whether it rises by the same step from line to line.
+    ///
+    /// # Errors
+    /// There is such a channel and no time column: it may be the unnamed time.
+    pub(super) fn counters(&self, are_even: &[bool]) -> Result<Vec<usize>, RecordingError> {
+        let is_single = self.head.columns.len() == 1;
+        if self.has_explicit_columns || is_single || !are_even.contains(&true) {
+            return Ok(Vec::new());
         }
+        let counters: Vec<usize> = (0..are_even.len()).filter(|at| are_even[*at]).collect();
+        if self.head.clock.is_none() {
+            return Err(RecordingError::CsvLine {
+                line: self.head.lines.max(1),
+                what: format!(
+                    "column {:?} rises by the same step from line to line, like a time: name it time, or do not select it",
+                    self.head.columns[self.columns[counters[0]]].label
+                ),
+            });
+        }
+        // Samples that all rise are the only ones there are.
+        Ok(if counters.len() < are_even.len() { counters } else { Vec::new() })
+    }
+
+    /// Removes channels by their indices.
+    pub(super) fn leave_out(&mut self, channels: &[usize]) {
+        let mut at = 0..;
+        self.columns.retain(|_| !at.next().is_some_and(|at| channels.contains(&at)));
+        self.channels = self.columns.iter().map(|at| self.head.columns[*at].name.clone()).collect();
+        self.units = self.columns.iter().map(|at| self.head.columns[*at].unit.clone()).collect();
     }
 
     /// Reads the next frame; returns false at the end. A value that is not a finite number is an error with

@@ -231,7 +231,10 @@ fn header(before: &[&str], separator: u8, width: usize) -> Header {
             (at, row)
         });
     let fits = |row: &Vec<String>| width == 0 || row.len() == width;
-    let Some((at, last)) = rows.next().filter(|(_, row)| fits(row)) else {
+    // A line with the rate names no column.
+    let names =
+        |(at, row): &(usize, Vec<String>)| fits(row) && stated_rate(&before[*at..=*at], false).is_none();
+    let Some((at, last)) = rows.next().filter(names) else {
         return (None, Vec::new(), before.len());
     };
     let are_units = last.iter().all(|field| field.is_empty() || unit_field(field).is_some())

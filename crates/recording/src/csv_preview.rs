@@ -42,25 +42,31 @@ impl CsvPreview {
     /// # Errors
     /// Those of [`CsvFrames`] if the columns cannot be determined.
     pub fn of(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<Self, RecordingError> {
-        let frames = CsvFrames::with_layout(lines, layout)?;
+        let mut frames = CsvFrames::with_layout(lines, layout)?;
+        let timing = CsvTiming::scan(CsvFrames::with_layout(lines, layout)?);
+        frames.leave_out(timing.as_ref().map_or(&[], |timing| &timing.counters));
         let columns = frames.columns().map(|(column, role)| CsvColumn {
             label: column.label.clone(),
             name: column.name.clone(),
             unit: column.unit.clone(),
             role,
         });
-        Ok(Self { columns: columns.collect(), contents: contents(lines, layout, intervals) })
+        let columns = columns.collect();
+        Ok(Self { columns, contents: timing.and_then(|timing| contents(frames, timing, layout, intervals)) })
     }
 }
 
-fn contents(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<CsvContents, RecordingError> {
-    let timing = CsvTiming::scan(CsvFrames::with_layout(lines, layout)?)?;
+fn contents(
+    mut frames: CsvFrames<&[u8]>,
+    timing: CsvTiming,
+    layout: CsvLayout,
+    intervals: usize,
+) -> Result<CsvContents, RecordingError> {
     let rates = [layout.sample_rate_hz, timing.stated_rate_hz, timing.clock_rate_hz];
     let sample_rate_hz = match rates.iter().any(Option::is_some) {
         true => Some(timing.sample_rate_hz(layout.sample_rate_hz)?),
         false => None,
     };
-    let mut frames = CsvFrames::with_layout(lines, layout)?;
     let mut frame = vec![0.0; frames.channels().len()];
     let intervals = (intervals as u64).clamp(1, timing.frames.max(1));
     let none = [f32::INFINITY, f32::NEG_INFINITY];
@@ -89,7 +95,8 @@ mod tests {
                      2026-03-01T08:00:01Z;4;7\n2026-03-01T08:00:01.5Z;3;7\n";
         let layout = CsvLayout::new(None, None, &[2]).unwrap();
         let preview = CsvPreview::of(lines.as_bytes(), layout, 2).unwrap();
-        let columns: Vec<_> = preview.columns.iter().map(|c| (c.name.as_str(), c.unit.as_deref(), c.role)).collect();
+        let columns: Vec<_> =
+            preview.columns.iter().map(|c| (c.name.as_str(), c.unit.as_deref(), c.role)).collect();
         assert_eq!(
             columns,
             [

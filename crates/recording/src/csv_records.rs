@@ -24,9 +24,15 @@ pub fn decode_csv(
         scale: layout.scale.or(defaults.scale),
         ..defaults.clone()
     };
-    let timing = CsvTiming::scan(CsvFrames::with_layout(bytes, layout)?)?;
-    let frames = TimedCsvFrames::new(CsvFrames::with_layout(bytes, layout)?, timing);
-    RecordBlocks::whole(frames, defaults)?.collect()
+    let open = || {
+        let mut frames = CsvFrames::with_layout(bytes, layout)?;
+        if defaults.every_series {
+            frames.keep_counters();
+        }
+        Ok::<_, RecordingError>(frames)
+    };
+    let timing = CsvTiming::scan(open()?)?;
+    RecordBlocks::whole(TimedCsvFrames::new(open()?, timing), defaults)?.collect()
 }
 
 /// The frames of a CSV file whose timing is known.
@@ -36,8 +42,9 @@ pub struct TimedCsvFrames<R> {
 }
 
 impl<R: Read> TimedCsvFrames<R> {
-    /// Joins the frames of a file with its timing.
-    pub fn new(frames: CsvFrames<R>, timing: CsvTiming) -> Self {
+    /// Joins the frames of a file with its timing. Counters and times beside the time column are no channels.
+    pub fn new(mut frames: CsvFrames<R>, timing: CsvTiming) -> Self {
+        frames.leave_out(&timing.counters);
         Self { frames, timing }
     }
 }
@@ -46,7 +53,7 @@ impl<R: Read> Frames for TimedCsvFrames<R> {
     fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
         let own = self.frames.channels();
         let channels = defaults.names_or(own.to_vec());
-        let units = channels.iter().zip(self.frames.units());
+        let units = channels.iter().zip(self.frames.units()).filter(|_| !defaults.every_series);
         Ok(FramesInfo {
             channel_units: units
                 .filter_map(|(channel, unit)| Some((channel.clone(), unit.clone()?)))
@@ -139,9 +146,10 @@ mod tests {
     fn a_clock_in_four_columns_gives_the_rate() {
         let line = |k: u32| {
             format!(
-                "9,39,{},{},0.{k},-0.{k}\n",
+                "9,39,{},{},0.{},-0.{k}\n",
                 39 + (999_960 + 39 * k) / 1_000_000,
-                (999_960 + 39 * k) % 1_000_000
+                (999_960 + 39 * k) % 1_000_000,
+                k * 7 % 9
             )
         };
         let text: String = (0..9).map(line).collect();

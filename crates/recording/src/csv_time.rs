@@ -6,17 +6,16 @@ use jiff::Timestamp;
 
 use super::csv_field::Moment;
 use super::csv_head::StatedRate;
+use super::ramp::Ramp;
+use super::rate::{agreed_rate_hz, rate_hz_of};
 use super::{CsvFrames, RecordDefaults, RecordingError, TimeOfDay};
-
-/// Largest relative difference between a given rate and that of the time column.
-const RATE_TOLERANCE: f64 = 1e-3;
 
 /// Nanoseconds in a second and in a day.
 const SECOND_NS: i128 = 1_000_000_000;
 const DAY_NS: i128 = 86_400 * SECOND_NS;
 
 /// Timing of a CSV file, from all its lines.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CsvTiming {
     /// Number of lines of samples.
     pub frames: u64,
@@ -32,33 +31,10 @@ pub struct CsvTiming {
     time_of_day_ns: Option<i64>,
     /// Relative uncertainty of the rate from the time columns.
     uncertainty: f64,
-}
-
-/// Detects a column whose values rise by the same step from line to line, as no vibration does.
-#[derive(Debug, Default)]
-struct Ramp {
-    last: Option<f32>,
-    step: Option<f32>,
-    lines: u64,
-    broken: bool,
-}
-
-impl Ramp {
-    /// Fewest lines for a detection.
-    const MIN_LINES: u64 = 4;
-
-    fn add(&mut self, value: f32) {
-        if let Some(last) = self.last.replace(value) {
-            let step = *self.step.get_or_insert(value - last);
-            // Times are often rounded.
-            self.broken |= !(step > 0.0 && ((value - last) / step - 1.0).abs() <= 0.5);
-        }
-        self.lines += 1;
-    }
-
-    fn is_even(&self) -> bool {
-        self.lines >= Self::MIN_LINES && !self.broken
-    }
+    /// Largest relative error of that rate if the recorder rounded its step before it added the steps up.
+    rounding: f64,
+    /// Indices of the channels that are times or counters, beside the time column.
+    pub(super) counters: Vec<usize>,
 }
 
 impl CsvTiming {
@@ -73,11 +49,11 @@ impl CsvTiming {
         let mut count = 0_u64;
         // The last midnight since the first time of day.
         let mut midnight_ns = 0;
-        let mut ramp = Ramp::default();
+        let mut ramps = vec![Ramp::default(); frame.len()];
         let shows_time_of_day = frames.shows_time_of_day();
         while frames.next_frame(&mut frame)? {
             count += 1;
-            ramp.add(frame.first().copied().unwrap_or_default());
+            ramps.iter_mut().zip(&frame).for_each(|(ramp, value)| ramp.add(f64::from(*value)));
             if let Some(moment) = frames.moment()? {
                 first.get_or_insert(moment);
                 let mut ns = moment.nanoseconds();
@@ -90,20 +66,19 @@ impl CsvTiming {
                 steps.add(ns, frames.line())?;
             }
         }
-        if frames.may_be_unnamed_time() && ramp.is_even() {
-            return Err(frames.unnamed_time());
-        }
+        let are_even: Vec<bool> = ramps.iter().map(Ramp::is_even).collect();
+        let counters = frames.counters(&are_even)?;
         let (dated_start, since_midnight_ns) = match first {
             Some(Moment::Since1970(ns)) => (Timestamp::from_nanosecond(i128::from(ns)).ok(), None),
             Some(Moment::SinceMidnight(ns)) => (None, Some(ns)),
             None => (None, None),
         };
-        let (clock_rate_hz, mut uncertainty) =
+        let (clock_rate_hz, uncertainty) =
             steps.rate_hz()?.map_or((None, 0.0), |(rate, uncertainty)| (Some(rate), uncertainty));
-        if let (Some(resolution_ns), Some(step_ns)) = (frames.time_resolution_ns(), steps.constant_ns()) {
-            // The recorder may have rounded its step before it added the steps up.
-            uncertainty += 0.5 * resolution_ns as f64 / step_ns as f64;
-        }
+        let rounding = match (frames.time_resolution_ns(), steps.constant_ns()) {
+            (Some(resolution_ns), Some(step_ns)) => 0.5 * resolution_ns as f64 / step_ns as f64,
+            _ => 0.0,
+        };
         Ok(Self {
             frames: count,
             clock_rate_hz,
@@ -116,6 +91,8 @@ impl CsvTiming {
             // Times from zero count from the start of the recording.
             time_of_day_ns: since_midnight_ns.filter(|ns| shows_time_of_day && *ns != 0),
             uncertainty,
+            rounding,
+            counters,
         })
     }
 
@@ -143,27 +120,23 @@ impl CsvTiming {
     /// the time columns.
     ///
     /// # Errors
-    /// There is none, or the time columns contradict it by more than 0.1 %.
+    /// There is none, the time columns contradict it by more than 0.1 %, or they alone do not give it within
+    /// 0.1 %.
     pub fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
         let stated = given_hz.or(self.stated_rate_hz);
-        match (stated, self.clock_rate_hz) {
-            (Some(stated), Some(clock))
-                if (stated / clock - 1.0).abs() > RATE_TOLERANCE + self.uncertainty =>
-            {
-                Err(RecordingError::Rate { stated, clock })
-            }
-            (Some(rate), _) | (None, Some(rate)) => Ok(rate),
-            (None, None) if self.is_stated_ambiguously => Err(RecordingError::field(
+        let uncertainty = self.uncertainty + stated.map_or(0.0, |_| self.rounding);
+        agreed_rate_hz(stated, self.clock_rate_hz, uncertainty)?.ok_or_else(|| match self.is_stated_ambiguously {
+            true => RecordingError::field(
                 "the sampling rate before the header",
                 "a number with a comma before three digits",
                 "one without a thousands separator, such as \"Sample rate: 12800\", or a rate given with the CSV file",
-            )),
-            (None, None) => Err(RecordingError::field(
+            ),
+            false => RecordingError::field(
                 "the sampling rate",
                 "missing",
                 "a rate given with the CSV file, a time column, or a line such as \"Sample rate: 12800\" before the header",
-            )),
-        }
+            ),
+        })
     }
 }
 
@@ -173,9 +146,16 @@ struct Steps {
     first: Option<i64>,
     last: i64,
     count: u64,
+    /// Number of steps above zero.
+    rises: u64,
     /// The longest step and its line, and the shortest step above zero.
     longest: (i64, u64),
     shortest: Option<i64>,
+    /// Sums over the times in nanoseconds since the first one: of them, their squares, and their products with
+    /// the number of the line.
+    sum: f64,
+    squares: f64,
+    products: f64,
 }
 
 impl Steps {
@@ -198,10 +178,15 @@ impl Steps {
                 self.longest = (step, line);
             }
             if step > 0 {
+                self.rises += 1;
                 self.shortest = Some(self.shortest.map_or(step, |shortest| shortest.min(step)));
             }
         }
         self.last = ns;
+        let since_first = (i128::from(ns) - i128::from(self.first.unwrap_or(ns))) as f64;
+        self.sum += since_first;
+        self.squares += since_first * since_first;
+        self.products += since_first * self.count as f64;
         Ok(())
     }
 
@@ -210,7 +195,8 @@ impl Steps {
         self.shortest.filter(|shortest| *shortest == self.longest.0)
     }
 
-    /// Returns the rate in hertz and its relative uncertainty.
+    /// Returns the rate in hertz and its relative uncertainty: the slope of the times by least squares, which
+    /// unlike the mean step does not depend on the rounding of the first and the last time.
     fn rate_hz(&self) -> Result<Option<(f64, f64)>, RecordingError> {
         let (Some(first), Some(shortest)) = (self.first, self.shortest) else {
             return Ok(None);
@@ -231,9 +217,15 @@ impl Steps {
                 ),
             });
         }
-        let rate = 1e9 / mean;
-        let whole = rate.round();
-        let rate = if whole >= 1.0 && (rate / whole - 1.0).abs() < 1e-6 { whole } else { rate };
-        Ok(Some((rate, resolution / span)))
+        let lines = self.count as f64 + 1.0;
+        let variance_of_lines = (lines * lines - 1.0) / 12.0;
+        let mean_time = self.sum / lines;
+        let covariance = self.products / lines - mean_time * 0.5 * self.count as f64;
+        let step = covariance / variance_of_lines;
+        let residual = (self.squares / lines - mean_time * mean_time - step * covariance).max(0.0);
+        // Rounding errors of lines with the same time are not independent.
+        let times = self.rises as f64 + 1.0;
+        let uncertainty = 2.0 * (residual / (variance_of_lines * times)).sqrt() / step;
+        Ok(Some((rate_hz_of(step / 1e9), uncertainty)))
     }
 }

@@ -81,6 +81,8 @@ mod number;
 mod packed_samples;
 mod pulse_count;
 mod pulses;
+mod ramp;
+mod rate;
 mod raw;
 mod record_defaults;
 mod recorded;

@@ -1,11 +1,14 @@
 //! MATLAB files of version 5: the longest variables are the channels, a scalar gives the rate.
 //!
 //! Channels are vectors and the columns of matrices (rows, if these are longer). Shorter variables than the
-//! longest ones are not channels. Fields of structs count like variables, with dotted names. `scale` of the
+//! longest ones are not channels, and neither are logical arrays, nor times and counters, which rise by the
+//! same step from sample to sample. Fields of structs count like variables, with dotted names. `scale` of the
 //! defaults converts the numbers to a unit; the start time is that of the defaults.
 
 use super::error::shortened;
 use super::mat_variables::{Variable, invalid, variables};
+use super::ramp::Ramp;
+use super::rate::{agreed_rate_hz, rate_hz_of};
 use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
@@ -20,9 +23,6 @@ const MAX_UPLOAD_BYTES: u64 = 1 << 27;
 
 /// Largest number of channels.
 const MAX_CHANNELS: usize = 256;
-
-/// Largest relative difference between a given rate and that of the times.
-const RATE_TOLERANCE: f64 = 1e-3;
 
 /// Variable names of a sampling rate in hertz, of a sampling interval in seconds, and of times, in lower case
 /// without punctuation. Those of rates may end in `hz`.
@@ -60,17 +60,24 @@ struct Channel {
     step: usize,
 }
 
+impl Channel {
+    fn value(&self, variables: &[Variable], frame: usize) -> f64 {
+        variables[self.variable].value(self.first + frame * self.step)
+    }
+}
+
 impl MatFrames {
     /// Reads a file whose variables take at most 1 GiB.
     ///
     /// # Errors
     /// The file is damaged or too large, or no variable is an array of at least two real numbers.
     pub fn new(bytes: &[u8]) -> Result<Self, RecordingError> {
-        Self::within(bytes, MAX_BYTES)
+        Self::within(bytes, MAX_BYTES, false)
     }
 
-    fn within(bytes: &[u8], max_bytes: u64) -> Result<Self, RecordingError> {
-        let variables = variables(bytes, max_bytes)?;
+    fn within(bytes: &[u8], max_bytes: u64, every_series: bool) -> Result<Self, RecordingError> {
+        let mut variables = variables(bytes, max_bytes)?;
+        variables.retain(|variable| every_series || !variable.is_logical);
         let frames =
             variables.iter().filter(|variable| variable.len() > 0).map(longer_side).max().unwrap_or(0);
         if frames < 2 {
@@ -98,6 +105,17 @@ impl MatFrames {
                 step: if is_column { 1 } else { count },
             }));
         }
+        let is_ramp = |channel: &Channel| {
+            let mut ramp = Ramp::default();
+            (0..frames).for_each(|at| ramp.add(channel.value(&variables, at)));
+            ramp.is_even()
+        };
+        let are_ramps: Vec<bool> = channels.iter().map(is_ramp).collect();
+        // Samples that all rise are the only ones there are.
+        if !every_series && are_ramps.contains(&false) {
+            let mut are_ramps = are_ramps.into_iter();
+            channels.retain(|_| are_ramps.next() == Some(false));
+        }
         if channels.is_empty() || channels.len() > MAX_CHANNELS {
             return Err(invalid("channels", channels.len(), "1 to 256 besides the times"));
         }
@@ -110,17 +128,9 @@ impl MatFrames {
     /// # Errors
     /// There is none, or the times contradict it by more than 0.1 %.
     fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
-        match (given_hz.or(self.stated_rate_hz), self.clock_rate_hz) {
-            (Some(stated), Some(clock)) if (stated / clock - 1.0).abs() > RATE_TOLERANCE => {
-                Err(RecordingError::Rate { stated, clock })
-            }
-            (Some(rate), _) | (None, Some(rate)) => Ok(rate),
-            (None, None) => Err(RecordingError::field(
-                "the sampling rate",
-                "missing",
-                "a rate given with the MATLAB file, or a variable such as fs or t in it",
-            )),
-        }
+        let expected = "a rate given with the MATLAB file, or a variable such as fs or t in it";
+        agreed_rate_hz(given_hz.or(self.stated_rate_hz), self.clock_rate_hz, 0.0)?
+            .ok_or_else(|| RecordingError::field("the sampling rate", "missing", expected))
     }
 }
 
@@ -137,8 +147,7 @@ impl Frames for MatFrames {
             return Ok(false);
         }
         for (sample, channel) in frame.iter_mut().zip(&self.channels) {
-            let at = channel.first + self.next * channel.step;
-            *sample = self.variables[channel.variable].value(at) as f32;
+            *sample = channel.value(&self.variables, self.next) as f32;
         }
         self.next += 1;
         Ok(true)
@@ -153,7 +162,8 @@ pub fn decode_mat(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
     }
-    RecordBlocks::whole(MatFrames::within(bytes, MAX_UPLOAD_BYTES)?, defaults)?.collect()
+    RecordBlocks::whole(MatFrames::within(bytes, MAX_UPLOAD_BYTES, defaults.every_series)?, defaults)?
+        .collect()
 }
 
 /// Returns the longer dimension of a variable.
@@ -192,7 +202,5 @@ fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
         let value = format!("{:?} s at {} after {:?} s", times.value(at), at + 1, times.value(at - 1));
         return Err(invalid("time", value, "times with a constant step"));
     }
-    let rate = 1.0 / step;
-    let whole = rate.round();
-    Ok(if whole >= 1.0 && (rate / whole - 1.0).abs() < 1e-6 { whole } else { rate })
+    Ok(rate_hz_of(step))
 }

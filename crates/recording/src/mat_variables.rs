@@ -29,6 +29,7 @@ const MATRIX: u32 = 14;
 const STRUCT: u8 = 2;
 const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
 const COMPLEX: u32 = 0x800;
+const LOGICAL: u32 = 0x200;
 
 /// An array of real numbers in column-major order.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +38,8 @@ pub(crate) struct Variable {
     pub(crate) name: String,
     /// Numbers of rows and columns.
     pub(crate) shape: [usize; 2],
+    /// Whether its values are truth values.
+    pub(crate) is_logical: bool,
     number: Number,
     big_endian: bool,
     bytes: Vec<u8>,
@@ -151,7 +154,8 @@ impl Variables {
         }
         self.take(data.len())?;
         let big_endian = self.big_endian;
-        self.found.push(Variable { name, shape: [rows, columns], number, big_endian, bytes: data.to_vec() });
+        let (shape, is_logical, bytes) = ([rows, columns], flags & LOGICAL != 0, data.to_vec());
+        self.found.push(Variable { name, shape, is_logical, number, big_endian, bytes });
         Ok(())
     }
 

@@ -37,6 +37,9 @@ pub struct RecordDefaults {
     pub unit: Option<String>,
     /// Units of single channels by name; they take precedence over `unit`.
     pub channel_units: BTreeMap<String, String>,
+    /// Whether every series is a channel in the default unit: also times, counters and logical arrays, and
+    /// whatever unit is stated.
+    pub every_series: bool,
     /// Operating point. Each field replaces a missing one of the recording.
     pub operating_point: OperatingPoint,
 }

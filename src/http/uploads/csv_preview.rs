@@ -153,7 +153,7 @@ impl CsvPreviewView {
             Ok(contents) => (Some(contents), None),
             Err(error) => (None, Some(error.to_string())),
         };
-        let timing = contents.as_ref().map(|contents| contents.timing);
+        let timing = contents.as_ref().map(|contents| &contents.timing);
         let mut envelopes = contents.iter().flat_map(|contents| contents.envelopes.iter().cloned());
         let columns = preview.columns.into_iter().enumerate().map(|(at, column)| {
             let (role, envelope) = match column.role {

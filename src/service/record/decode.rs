@@ -150,9 +150,21 @@ impl RecordFormat {
         }
     }
 
+    /// The media type that is stored with a record whose samples were converted from `unit`.
+    pub(crate) fn stored_media_type(self, unit: Option<&str>) -> String {
+        let has_others =
+            matches!(self, Self::Csv(_) | Self::File(SampleFile { kind: SampleFileKind::Mat, .. }));
+        let mut media_type = self.media_type() + if has_others { VIBRATION } else { "" };
+        if let Some(unit) = unit {
+            media_type += UNIT;
+            media_type += unit;
+        }
+        media_type
+    }
+
     /// The format of a media type, without parameters or as written by [`media_type`](Self::media_type).
     pub fn from_media_type(media_type: &str) -> Option<Self> {
-        let (media_type, _) = without_unit(media_type);
+        let StoredMediaType { media_type, .. } = StoredMediaType::of(media_type);
         match media_type {
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
@@ -196,20 +208,23 @@ impl RecordFormat {
 /// Precedes the original unit of the samples in a stored media type, if records were converted.
 const UNIT: &str = "; unit=";
 
-/// Appends the original unit of the samples to a media type.
-pub(crate) fn with_unit(media_type: String, unit: Option<&str>) -> String {
-    match unit {
-        Some(unit) => media_type + UNIT + unit,
-        None => media_type,
-    }
+/// Ends a stored media type, before the unit, if the channels of the file are those of vibration.
+const VIBRATION: &str = "; channels=vibration";
+
+/// The parts of a stored media type.
+pub(crate) struct StoredMediaType<'a> {
+    media_type: &'a str,
+    /// Whether times, counters and logical arrays count as channels, and stated units do not count.
+    pub(crate) has_every_series: bool,
+    /// The original unit of the samples, if records were converted.
+    pub(crate) unit: Option<&'a str>,
 }
 
-/// Splits a stored media type into the media type and the original unit of the samples, if records were
-/// converted.
-pub(crate) fn without_unit(media_type: &str) -> (&str, Option<&str>) {
-    match media_type.split_once(UNIT) {
-        Some((media_type, unit)) => (media_type, Some(unit)),
-        None => (media_type, None),
+impl<'a> StoredMediaType<'a> {
+    pub(crate) fn of(text: &'a str) -> Self {
+        let (start, unit) = text.split_once(UNIT).map_or((text, None), |(start, unit)| (start, Some(unit)));
+        let media_type = start.strip_suffix(VIBRATION);
+        Self { media_type: media_type.unwrap_or(start), has_every_series: media_type.is_none(), unit }
     }
 }
 

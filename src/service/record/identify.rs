@@ -7,7 +7,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 
 use super::channel_units::ChannelUnits;
-use super::decode::{RecordFormat, with_unit};
+use super::decode::RecordFormat;
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{Recorded, RecordingError};
 use crate::service::error::ServiceError;
@@ -175,7 +175,7 @@ pub(crate) fn identify_upload(
         let raw = RawReference {
             sha256: sha256.clone(),
             bytes: bytes.len() as u64,
-            media_type: with_unit(format.media_type(), original_unit.as_deref()),
+            media_type: format.stored_media_type(original_unit.as_deref()),
             channel_index,
         };
         IdentifiedRecord::new(asset, record, raw, reference_wear_um)
@@ -199,10 +199,7 @@ pub(crate) fn identify_recorded(
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: with_unit(
-            RecordFormat::of_block(recorded.encoding).media_type(),
-            original_unit.as_deref(),
-        ),
+        media_type: RecordFormat::of_block(recorded.encoding).stored_media_type(original_unit.as_deref()),
         channel_index: 0,
     };
     match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {

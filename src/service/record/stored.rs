@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use jiff::Timestamp;
 
-use super::decode::{RecordFormat, without_unit};
+use super::decode::{RecordFormat, StoredMediaType};
 use crate::asset::{RawReference, Segment};
 use crate::recording::{RecordDefaults, RecordingError};
 use crate::service::error::ServiceError;
@@ -55,14 +55,15 @@ impl StoredRecord {
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
         let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
         let media_type = &self.raw.media_type;
-        let (_, original_unit) = without_unit(media_type);
+        let StoredMediaType { has_every_series, unit, .. } = StoredMediaType::of(media_type);
         let format = RecordFormat::from_media_type(media_type)
             .ok_or_else(|| unexpected("raw_media_type", media_type.clone(), "a media type of one record"))?;
         let defaults = RecordDefaults {
             channel: Some(self.channel.clone()),
             start_time: self.start_time,
-            unit: Some(original_unit.unwrap_or(&self.unit).to_owned()),
+            unit: Some(unit.unwrap_or(&self.unit).to_owned()),
             operating_point: self.operating_point,
+            every_series: has_every_series,
             ..RecordDefaults::default()
         };
         let index = self.raw.channel_index;

@@ -93,6 +93,53 @@ fn a_file_is_cut_like_all_others() {
     assert_eq!(lengths, [1000; 3]);
 }
 
+/// An uncompressed MATLAB file of columns of doubles, each with its name, array flags and matrix width.
+fn mat(variables: &[(&str, u32, usize, &[f64])]) -> Vec<u8> {
+    let element = |kind: u32, data: &[u8]| {
+        let mut bytes = [kind.to_le_bytes(), (data.len() as u32).to_le_bytes()].concat();
+        bytes.extend_from_slice(data);
+        bytes.resize(bytes.len().next_multiple_of(8), 0);
+        bytes
+    };
+    let mut file = bytes("int16.mat")[..128].to_vec();
+    for (name, flags, columns, values) in variables {
+        let shape = [(values.len() / columns) as u32, *columns as u32].map(u32::to_le_bytes).concat();
+        let numbers: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let parts = [
+            element(6, &[(flags | 6).to_le_bytes(), [0; 4]].concat()),
+            element(5, &shape),
+            element(1, name.as_bytes()),
+            element(9, &numbers),
+        ];
+        file.extend(element(14, &parts.concat()));
+    }
+    file
+}
+
+#[test]
+fn times_counters_and_truth_values_are_no_channels() {
+    let acc: Vec<f64> = (0..40).map(|k| count(0, k)).collect();
+    let milliseconds: Vec<f64> = (0..40).map(|k| 0.05 * f64::from(k)).collect();
+    let truth: Vec<f64> = (0..40).map(|k| f64::from(k % 3 == 0)).collect();
+    let file = mat(&[
+        ("Fs", 0, 1, &[20_000.0]),
+        ("t_ms", 0, 1, &milliseconds),
+        ("acc", 0, 1, &acc),
+        ("valid", 0x200, 1, &truth),
+        ("both", 0, 2, &[&milliseconds[..], &acc].concat()),
+    ]);
+    let channels = |file: &[u8], defaults: &RecordDefaults| -> Vec<String> {
+        decode_mat(file, defaults).unwrap().iter().map(|record| record.channel().to_owned()).collect()
+    };
+    let defaults = RecordDefaults::default();
+    assert_eq!(channels(&file, &defaults), ["acc", "both_2"]);
+    let every = RecordDefaults { every_series: true, ..RecordDefaults::default() };
+    assert_eq!(channels(&file, &every), ["t_ms", "acc", "valid", "both_1", "both_2"]);
+    // Samples that all rise are the samples.
+    let rising = mat(&[("Fs", 0, 1, &[20_000.0]), ("ramp", 0, 1, &milliseconds)]);
+    assert_eq!(channels(&rising, &defaults), ["ramp"]);
+}
+
 #[test]
 fn unreadable_files_name_the_problem() {
     let refusal = |bytes: &[u8]| {
