@@ -178,6 +178,7 @@ pub fn csv_upload(bytes: &[u8]) {
         return;
     };
     layout.scale = [None, Some(-0.5), Some(1e300), Some(f64::MIN_POSITIVE)][usize::from(values / 2 % 4)];
+    layout.sensitivity_mv_per_g = (values % 16 > 7).then_some(100.0);
     assert_eq!(CsvLayout::from_media_type(&layout.to_string()), Some(layout));
     for record in decode_csv(text, layout, &RecordDefaults::default()).into_iter().flatten() {
         check(&record);

@@ -216,7 +216,7 @@ fn flac_and_numpy_files_are_accepted_with_a_scale_that_is_stored() {
         .json();
     assert_eq!(
         (stored["sample_rate_hz"].as_f64(), raw_type(&stored)),
-        (Some(20_000.0), "audio/flac;scale=50; unit=g".into())
+        (Some(20_000.0), "audio/flac;scale=5;sensitivity=100; unit=g".into())
     );
     let defaults = RecordDefaults { scale: Some(50.0), unit: Some("g".into()), ..RecordDefaults::default() };
     let expected = decode_flac(flac, &defaults).unwrap().remove(0);
@@ -242,6 +242,24 @@ fn flac_and_numpy_files_are_accepted_with_a_scale_that_is_stored() {
 }
 
 #[test]
+fn a_csv_file_is_read_again_with_its_sensitivity_and_without_its_counters() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let path = format!("{SEGMENTS}?start_time=2026-01-05T08:00:00Z&sensitivity_mv_per_g=100");
+    let text = "index,time,acc [mV]\n0,0,100\n1,0.5,-50\n2,1,20\n3,1.5,70\n";
+    let stored = service.post(&path, "text/csv", text.as_bytes()).expect(201).json();
+    assert_eq!((&stored["channel"], &stored["unit"]), (&json!("acc"), &json!("m/s2")));
+    let raw_type = stored["raw"]["media_type"].as_str().unwrap();
+    assert_eq!(raw_type, "text/csv;sensitivity=100; channels=vibration; unit=g");
+    let expected = [1.0_f32, -0.5, 0.2, 0.7].map(|g| (f64::from(g) * 9.806_65) as f32);
+    assert_eq!(waveform(&service, &stored), expected);
+    let other = text.replace("mV", "furlong/s2");
+    service.post(&path, "text/csv", other.as_bytes()).expect_problem(422, &["furlong/s2", "expected V, mV"]);
+    let without = path.replace("&sensitivity_mv_per_g=100", "");
+    service.post(&without, "text/csv", other.as_bytes()).expect_problem(422, &["furlong/s2", "m/s2"]);
+}
+
+#[test]
 fn parameters_that_a_format_does_not_use_are_refused() {
     let service = Service::start();
     service.plain_asset("pump");
@@ -252,6 +270,11 @@ fn parameters_that_a_format_does_not_use_are_refused() {
         ("scale=0", "audio/wav", ["scale", "other than 0"]),
         ("sensitivity_mv_per_g=-1", "audio/wav", ["sensitivity_mv_per_g", "above 0"]),
         ("sensitivity_mv_per_g=100&unit=m/s2", "audio/wav", ["unit", "sensitivity_mv_per_g"]),
+        (
+            "sensitivity_mv_per_g=100&channel_names=a,b&channel_units=g,m/s2",
+            "audio/wav",
+            ["channel_units", "sensitivity_mv_per_g"],
+        ),
         ("sample_rate_hz=0", "application/x-npy", ["sample_rate_hz", "above 0"]),
         (
             "sample=f32&sample_rate_hz=10&sensitivity_mv_per_g=1",

@@ -17,6 +17,8 @@ pub struct CsvLayout {
     pub sample_rate_hz: Option<f64>,
     /// Factor for each value.
     pub scale: Option<f64>,
+    /// Sensitivity of the sensor in mV/g, as in [`RecordDefaults`](super::RecordDefaults).
+    pub sensitivity_mv_per_g: Option<f64>,
     /// Number of the time column, from 1; 0 if there is none.
     time_column: Option<u16>,
     /// One bit per channel column; if no bit is set, all columns except the time are channels.
@@ -55,18 +57,20 @@ impl CsvLayout {
         if parts.next()? != MEDIA_TYPE {
             return None;
         }
-        let (mut rate, mut scale, mut time, mut channels) = (None, None, None, Vec::new());
+        let (mut rate, mut scale, mut sensitivity_mv_per_g) = (None, None, None);
+        let (mut time, mut channels) = (None, Vec::new());
         for part in parts {
             let (name, value) = part.split_once('=')?;
             match name {
                 "rate" => rate = Some(value.parse().ok()?),
                 "scale" => scale = Some(value.parse().ok()?),
+                "sensitivity" => sensitivity_mv_per_g = Some(value.parse().ok()?),
                 "time" => time = Some(value.parse().ok()?),
                 "columns" => channels = numbers(value)?,
                 _ => return None,
             }
         }
-        Some(Self { scale, ..Self::new(rate, time, &channels).ok()? })
+        Some(Self { scale, sensitivity_mv_per_g, ..Self::new(rate, time, &channels).ok()? })
     }
 
     /// Returns the index of the time column from 0: `None` if not given, `Some(None)` if there is no time
@@ -100,6 +104,9 @@ impl fmt::Display for CsvLayout {
         if let Some(scale) = self.scale {
             write!(f, ";scale={scale}")?;
         }
+        if let Some(sensitivity) = self.sensitivity_mv_per_g {
+            write!(f, ";sensitivity={sensitivity}")?;
+        }
         if let Some(column) = self.time_column {
             write!(f, ";time={column}")?;
         }
@@ -120,6 +127,10 @@ mod tests {
             (CsvLayout::default(), "text/csv"),
             (CsvLayout::new(Some(2560.5), None, &[]).unwrap(), "text/csv;rate=2560.5"),
             (CsvLayout { scale: Some(-0.5), ..CsvLayout::default() }, "text/csv;scale=-0.5"),
+            (
+                CsvLayout { sensitivity_mv_per_g: Some(100.0), ..CsvLayout::default() },
+                "text/csv;sensitivity=100",
+            ),
             (CsvLayout::new(None, Some(0), &[256, 2, 2]).unwrap(), "text/csv;time=0;columns=2,256"),
             (CsvLayout::new(Some(1.0), Some(3), &[1]).unwrap(), "text/csv;rate=1;time=3;columns=1"),
         ] {

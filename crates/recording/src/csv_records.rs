@@ -22,6 +22,7 @@ pub fn decode_csv(
     let defaults = &RecordDefaults {
         sample_rate_hz: layout.sample_rate_hz.or(defaults.sample_rate_hz),
         scale: layout.scale.or(defaults.scale),
+        sensitivity_mv_per_g: layout.sensitivity_mv_per_g.or(defaults.sensitivity_mv_per_g),
         ..defaults.clone()
     };
     let open = || {

@@ -82,13 +82,11 @@ impl CutPlan {
 #[derive(Debug)]
 struct Cutter {
     channels: Vec<String>,
-    /// Units of the channels.
-    units: Vec<String>,
+    /// Units of the channels, and the factors for their values.
+    units: Vec<(String, Option<f64>)>,
     sample_rate_hz: f64,
     start_time: Timestamp,
     operating_point: OperatingPoint,
-    /// Factor for each value.
-    scale: Option<f64>,
     frames: usize,
     first_frame: u64,
     /// Number of frames added so far.
@@ -98,29 +96,25 @@ struct Cutter {
 
 impl Cutter {
     /// Creates an empty cutter for records of `plan.frames` frames.
-    fn new(info: &FramesInfo, defaults: &RecordDefaults, plan: CutPlan) -> Self {
-        let unit = |channel: &String| {
-            info.channel_units.get(channel).map_or(defaults.unit_of(channel), String::as_str).to_owned()
-        };
-        Self {
+    fn new(info: &FramesInfo, defaults: &RecordDefaults, plan: CutPlan) -> Result<Self, RecordingError> {
+        Ok(Self {
             columns: vec![Vec::new(); info.channels.len()],
-            units: info.channels.iter().map(unit).collect(),
+            units: info.units_and_scales(defaults)?,
             channels: info.channels.clone(),
             sample_rate_hz: info.sample_rate_hz,
             start_time: info.start_time,
             operating_point: defaults.operating_point,
-            scale: defaults.scale,
             frames: plan.frames,
             first_frame: 0,
             added: 0,
-        }
+        })
     }
 
     /// Adds one frame; returns true when the records are complete and must be taken.
     fn push(&mut self, frame: &[f32]) -> bool {
         self.added += 1;
-        for (column, &sample) in self.columns.iter_mut().zip(frame) {
-            column.push(match self.scale {
+        for ((column, &sample), (_, scale)) in self.columns.iter_mut().zip(frame).zip(&self.units) {
+            column.push(match scale {
                 None => sample,
                 Some(scale) => (f64::from(sample) * scale) as f32,
             });
@@ -150,10 +144,10 @@ impl Cutter {
             Err(error) => return vec![Err(error)],
         };
         let named = self.channels.iter().zip(&self.units);
-        let records = named.zip(columns).map(|((channel, unit), samples)| {
+        let records = named.zip(columns).map(|((channel, (unit, scale)), samples)| {
             Record::new(channel, start_time, self.sample_rate_hz, unit, samples)
                 .and_then(|record| record.with_operating_point(self.operating_point))
-                .map(|record| record.with_source_scale(self.scale))
+                .map(|record| record.with_source_scale(*scale))
                 .map_err(|source| match (first_sample, source) {
                     (0, source) => RecordingError::Record(source),
                     (first_sample, source @ RecordError::NotFinite { .. }) => {
@@ -187,11 +181,11 @@ impl<F: Frames> RecordBlocks<F> {
     /// are cut into records of 10 s.
     ///
     /// # Errors
-    /// Those of [`Frames::info`]; an invalid cut.
+    /// Those of [`Frames::info`] and [`FramesInfo::units_and_scales`]; an invalid cut.
     pub fn new(frames: F, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let info = frames.info(defaults)?;
         let plan = CutPlan::new(cut, info.frames_at_most, info.sample_rate_hz, info.channels.len())?;
-        Ok(Self::with_plan(frames, &info, defaults, plan))
+        Self::with_plan(frames, &info, defaults, plan)
     }
 
     /// Returns the recording that is cut.
@@ -202,19 +196,24 @@ impl<F: Frames> RecordBlocks<F> {
     /// Reads a recording as one record per channel.
     ///
     /// # Errors
-    /// Those of [`Frames::info`]; a recording longer than a record may be.
+    /// Those of [`Frames::info`] and [`FramesInfo::units_and_scales`]; a recording longer than a record may be.
     pub fn whole(frames: F, defaults: &RecordDefaults) -> Result<Self, RecordingError> {
         let info = frames.info(defaults)?;
         let count = usize::try_from(info.frames_at_most).unwrap_or(usize::MAX);
         check_sample_count(info.channels.first().map_or("1", String::as_str), count)?;
         let plan = CutPlan { frames: count.max(1), default_seconds: None };
-        Ok(Self::with_plan(frames, &info, defaults, plan))
+        Self::with_plan(frames, &info, defaults, plan)
     }
 
-    fn with_plan(frames: F, info: &FramesInfo, defaults: &RecordDefaults, plan: CutPlan) -> Self {
-        let cutter = Cutter::new(info, defaults, plan);
+    fn with_plan(
+        frames: F,
+        info: &FramesInfo,
+        defaults: &RecordDefaults,
+        plan: CutPlan,
+    ) -> Result<Self, RecordingError> {
+        let cutter = Cutter::new(info, defaults, plan)?;
         let frame = vec![0.0; info.channels.len()];
-        Self { frames, cutter, plan, frame, ready: VecDeque::new(), ended: false }
+        Ok(Self { frames, cutter, plan, frame, ready: VecDeque::new(), ended: false })
     }
 
     /// Returns the time after the last frame read so far, which may belong to a dropped remainder; at most
@@ -271,7 +270,7 @@ mod tests {
     fn cutter(channels: &[&str], plan: CutPlan) -> Cutter {
         let channels = channels.iter().map(|&channel| channel.to_owned()).collect();
         let defaults = RecordDefaults::default();
-        Cutter::new(&FramesInfo::without_time(channels, 8.0, 1, &defaults), &defaults, plan)
+        Cutter::new(&FramesInfo::without_time(channels, 8.0, 1, &defaults), &defaults, plan).unwrap()
     }
 
     #[test]

@@ -195,6 +195,14 @@ pub enum RecordingError {
         /// The rate according to the times.
         clock: f64,
     },
+    /// A sensitivity for samples that are no voltage.
+    #[error("channel {channel:?} is in {unit:?}, expected V, mV or no unit: a sensitivity in mV/g is given")]
+    NotVolts {
+        /// Name of the channel.
+        channel: String,
+        /// The unit that the recording states.
+        unit: String,
+    },
     /// An invalid line of a CSV file.
     #[error("csv line {line}: {what}")]
     CsvLine {

@@ -71,7 +71,7 @@ impl RecordingFile {
     ///
     /// # Errors
     /// The file cannot be read, is in no supported format, or is damaged; neither it nor the defaults give
-    /// the sampling rate; the cut is invalid.
+    /// the sampling rate; the cut is invalid; the defaults have a scale or a sensitivity for MCAP.
     pub fn open(
         path: impl AsRef<Path>,
         defaults: RecordDefaults,
@@ -80,6 +80,10 @@ impl RecordingFile {
         let read = Arc::new(AtomicU64::new(0));
         let file = OpenFile::new(path.as_ref())?;
         let records = match file.format {
+            Format::Mcap if defaults.scale.or(defaults.sensitivity_mv_per_g).is_some() => {
+                let expected = "none: the samples of an MCAP recording are in their unit";
+                return Err(RecordingError::field("a scale or a sensitivity", "given", expected));
+            }
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(file.counted(&read), defaults))),
             _ => {
                 let blocks = RecordBlocks::new(file.frames(&[], &read)?, &defaults, cut)?;

@@ -37,6 +37,18 @@ pub struct FramesInfo {
 }
 
 impl FramesInfo {
+    /// Returns the unit of each channel, and the factor for its values.
+    ///
+    /// # Errors
+    /// The defaults have a sensitivity, and a channel is in another unit than V or mV.
+    pub fn units_and_scales(
+        &self,
+        defaults: &RecordDefaults,
+    ) -> Result<Vec<(String, Option<f64>)>, RecordingError> {
+        let stated = |channel| self.channel_units.get(channel).map(String::as_str);
+        self.channels.iter().map(|channel| defaults.unit_and_scale(channel, stated(channel))).collect()
+    }
+
     /// Describes a recording that has neither times nor units.
     pub(crate) fn without_time(
         channels: Vec<String>,

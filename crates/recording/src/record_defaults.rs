@@ -5,6 +5,11 @@ use std::collections::BTreeMap;
 use flankwatch_signal::OperatingPoint;
 use jiff::Timestamp;
 
+use super::RecordingError;
+
+/// Millivolts in a volt.
+const MV_PER_V: f64 = 1e3;
+
 /// What a time of day without a date means for the start of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TimeOfDay {
@@ -33,6 +38,9 @@ pub struct RecordDefaults {
     /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is
     /// 1 before it is applied.
     pub scale: Option<f64>,
+    /// Sensitivity of the sensor in mV/g: converts values that are in volts after `scale`, or in millivolts if
+    /// the recording states so, to g.
+    pub sensitivity_mv_per_g: Option<f64>,
     /// Unit of the samples.
     pub unit: Option<String>,
     /// Units of single channels by name; they take precedence over `unit`.
@@ -64,6 +72,30 @@ impl RecordDefaults {
             return self.names_of(own.len());
         }
         own
+    }
+
+    /// Returns the unit of a channel, and the factor for its values. `stated` is the unit that the recording
+    /// states.
+    ///
+    /// # Errors
+    /// A sensitivity is given, and the stated unit is neither V nor mV.
+    pub(crate) fn unit_and_scale(
+        &self,
+        channel: &str,
+        stated: Option<&str>,
+    ) -> Result<(String, Option<f64>), RecordingError> {
+        let Some(sensitivity) = self.sensitivity_mv_per_g else {
+            return Ok((stated.unwrap_or_else(|| self.unit_of(channel)).to_owned(), self.scale));
+        };
+        let millivolts = match stated {
+            None | Some("V" | "1") => MV_PER_V,
+            Some("mV") => 1.0,
+            Some(unit) => {
+                let (channel, unit) = (channel.to_owned(), unit.to_owned());
+                return Err(RecordingError::NotVolts { channel, unit });
+            }
+        };
+        Ok(("g".to_owned(), Some(self.scale.unwrap_or(1.0) * millivolts / sensitivity)))
     }
 
     /// Returns the unit of a channel if the recording has none: `"1"` if unknown.

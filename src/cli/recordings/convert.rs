@@ -143,7 +143,8 @@ fn write_mcap(
         progress.begin(path);
         let defaults = defaults_of(args, path, next_start)?;
         let source = Source::open(path, args, &defaults)?;
-        if let Some(channel) = source.channel_without_unit().filter(|_| defaults.unit.is_none()) {
+        let gives_unit = defaults.unit.is_some() || defaults.sensitivity_mv_per_g.is_some();
+        if let Some(channel) = source.channel_without_unit().filter(|_| !gives_unit) {
             let expected =
                 format!("the samples' unit, such as m/s2: {path:?} does not give that of {channel:?}");
             return Err(CliError::argument("--unit", "missing", expected));
@@ -191,11 +192,12 @@ fn write_wav(
     let channels = source.channels().to_vec();
     let mut writer =
         WavWriter::new(BufWriter::new(file), channels.len(), source.sample_rate_hz()).map_err(&output)?;
+    let units = source.units_and_scales(&defaults).map_err(&input)?;
     let mut frame = vec![0.0; channels.len()];
     let mut frames = 0_u64;
     while source.next_frame(&mut frame).map_err(&input)? {
-        if let Some(scale) = defaults.scale {
-            frame.iter_mut().for_each(|sample| *sample = (f64::from(*sample) * scale) as f32);
+        for (sample, (_, scale)) in frame.iter_mut().zip(&units) {
+            *sample = scale.map_or(*sample, |scale| (f64::from(*sample) * scale) as f32);
         }
         if let Some(k) = frame.iter().position(|sample| !sample.is_finite()) {
             return Err(input(RecordingError::field(

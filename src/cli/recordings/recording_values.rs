@@ -10,9 +10,6 @@ use jiff::tz::TimeZone;
 use crate::cli::CliError;
 use crate::recording::RecordDefaults;
 
-/// Millivolts in a volt.
-const MV_PER_V: f64 = 1e3;
-
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct RecordingValues {
@@ -20,7 +17,7 @@ pub(in crate::cli) struct RecordingValues {
     /// and FLAC are scaled to 1
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
-    /// Sensor sensitivity in mV/g: converts values in volts (after --scale) to g
+    /// Sensor sensitivity in mV/g: converts values in volts (after --scale), or in mV if a CSV states so, to g
     #[arg(long, value_name = "MV_PER_G")]
     sensitivity_mv_per_g: Option<f64>,
     /// Read the time of the first sample from the file name, by a pattern such as %Y%m%d_%H%M%S
@@ -40,9 +37,7 @@ impl RecordingValues {
         }
         if let Some(sensitivity) = self.sensitivity_mv_per_g {
             check("--sensitivity-mv-per-g", sensitivity, sensitivity > 0.0, "a finite number above 0")?;
-            defaults.scale = Some(scale * MV_PER_V / sensitivity);
-            defaults.unit = Some("g".to_owned());
-            defaults.channel_units.clear();
+            defaults.sensitivity_mv_per_g = Some(sensitivity);
         }
         if let Some(pattern) = &self.time_from_name {
             defaults.start_time = time_in_name(path, pattern)?;
@@ -104,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn volts_become_g_by_the_sensitivity() {
+    fn invalid_values_are_rejected() {
         let values = RecordingValues {
             scale: Some(5.0),
             sensitivity_mv_per_g: Some(100.0),
@@ -112,8 +107,7 @@ mod tests {
         };
         let mut defaults = RecordDefaults::default();
         values.apply(Path::new("a.wav"), &mut defaults).unwrap();
-        // Full scale is 5 V, and 0.1 V is 1 g.
-        assert_eq!((defaults.scale, defaults.unit.as_deref()), (Some(50.0), Some("g")));
+        assert_eq!((defaults.scale, defaults.sensitivity_mv_per_g), (Some(5.0), Some(100.0)));
         for (invalid, option) in [
             (RecordingValues { scale: Some(0.0), ..RecordingValues::default() }, "--scale"),
             (RecordingValues { scale: Some(f64::NAN), ..RecordingValues::default() }, "--scale"),

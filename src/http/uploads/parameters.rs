@@ -26,9 +26,6 @@ const OF_FORMATS: [&str; 8] = [
     "sensitivity_mv_per_g",
 ];
 
-/// Millivolts in a volt.
-const MV_PER_V: f64 = 1e3;
-
 /// Record metadata in the query of an upload.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -83,8 +80,8 @@ pub(crate) struct UploadParameters {
     /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
     /// Not for messages and MCAP.
     scale: Option<f64>,
-    /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`) to g. For WAV, FLAC, CSV,
-    /// MATLAB and NumPy files.
+    /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`), or in mV if a CSV file
+    /// states so, to g. For WAV, FLAC, CSV, MATLAB and NumPy files.
     #[param(example = 100.0)]
     sensitivity_mv_per_g: Option<f64>,
 }
@@ -121,18 +118,20 @@ impl UploadParameters {
             return Err(Problem::query(name, "given", "no value with this content-type"));
         }
         let (sample_rate_hz, scale) = (self.sample_rate_hz, self.scale()?);
+        let sensitivity_mv_per_g = self.sensitivity_mv_per_g()?;
         Ok(match format {
             RecordFormat::Csv(_) => {
                 let columns = self.columns.clone();
                 let mut layout = CsvParameters::new(sample_rate_hz, self.time_column, columns).layout()?;
                 layout.scale = scale;
+                layout.sensitivity_mv_per_g = sensitivity_mv_per_g;
                 RecordFormat::Csv(layout)
             }
             RecordFormat::File(file) => {
                 if let Some(rate) = sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
                     return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
                 }
-                RecordFormat::File(SampleFile { sample_rate_hz, scale, ..file })
+                RecordFormat::File(SampleFile { sample_rate_hz, scale, sensitivity_mv_per_g, ..file })
             }
             other => other,
         })
@@ -157,15 +156,18 @@ impl UploadParameters {
 
     /// Returns what is given beside the samples.
     pub(crate) fn metadata(&self) -> Result<UploadMetadata, Problem> {
-        let in_g = self.sensitivity_mv_per_g.map(|_| "g".to_owned());
-        if let (Some(_), Some(unit)) = (&in_g, self.unit.as_deref().filter(|unit| *unit != "g")) {
-            return Err(Problem::query("unit", unit, "g, or no value, with sensitivity_mv_per_g"));
+        if self.sensitivity_mv_per_g.is_some() {
+            for (name, given) in [("unit", &self.unit), ("channel_units", &self.channel_units)] {
+                if let Some(unit) = listed(given).iter().find(|unit| !["", "g"].contains(&unit.as_str())) {
+                    return Err(Problem::query(name, unit, "g, or no value, with sensitivity_mv_per_g"));
+                }
+            }
         }
         Ok(UploadMetadata {
             start_time: self.start_time,
             channel: self.channel.clone(),
             channel_names: listed(&self.channel_names),
-            unit: in_g.or_else(|| self.unit.clone()),
+            unit: self.unit.clone(),
             channel_units: listed(&self.channel_units),
             operating_point: OperatingPoint {
                 shaft_speed_hz: self.shaft_speed_hz,
@@ -181,12 +183,16 @@ impl UploadParameters {
         if let Some(scale) = self.scale.filter(|scale| *scale == 0.0 || !scale.is_finite()) {
             return Err(Problem::query("scale", scale, "a finite number other than 0"));
         }
+        Ok(self.scale)
+    }
+
+    /// Returns the sensitivity, if one is given.
+    fn sensitivity_mv_per_g(&self) -> Result<Option<f64>, Problem> {
         match self.sensitivity_mv_per_g {
-            None => Ok(self.scale),
-            Some(sensitivity) if sensitivity > 0.0 && sensitivity.is_finite() => {
-                Ok(Some(self.scale.unwrap_or(1.0) * MV_PER_V / sensitivity))
+            Some(value) if !(value > 0.0 && value.is_finite()) => {
+                Err(Problem::query("sensitivity_mv_per_g", value, "a finite number above 0"))
             }
-            Some(other) => Err(Problem::query("sensitivity_mv_per_g", other, "a finite number above 0")),
+            given => Ok(given),
         }
     }
 

@@ -37,6 +37,8 @@ pub struct SampleFile {
     pub sample_rate_hz: Option<f64>,
     /// Factor for each value; full-scale integers of WAV and FLAC are 1 before it is applied.
     pub scale: Option<f64>,
+    /// Sensitivity of the sensor in mV/g, which converts volts to g.
+    pub sensitivity_mv_per_g: Option<f64>,
 }
 
 /// The format of a file of samples.
@@ -76,11 +78,12 @@ impl SampleFile {
         let mut parts = media_type.split(';');
         let name = parts.next()?;
         let kind = SampleFileKind::ALL.into_iter().find(|kind| kind.media_types().contains(&name))?;
-        let mut file = Self { kind, sample_rate_hz: None, scale: None };
+        let mut file = Self { kind, sample_rate_hz: None, scale: None, sensitivity_mv_per_g: None };
         for part in parts {
             match part.split_once('=')? {
                 ("rate", rate) => file.sample_rate_hz = Some(rate.parse().ok()?),
                 ("scale", scale) => file.scale = Some(scale.parse().ok()?),
+                ("sensitivity", value) => file.sensitivity_mv_per_g = Some(value.parse().ok()?),
                 _ => return None,
             }
         }
@@ -91,6 +94,7 @@ impl SampleFile {
         let defaults = RecordDefaults {
             sample_rate_hz: self.sample_rate_hz.or(defaults.sample_rate_hz),
             scale: self.scale.or(defaults.scale),
+            sensitivity_mv_per_g: self.sensitivity_mv_per_g.or(defaults.sensitivity_mv_per_g),
             ..defaults.clone()
         };
         match self.kind {
@@ -109,8 +113,11 @@ impl fmt::Display for SampleFile {
         if let Some(rate_hz) = self.sample_rate_hz {
             write!(f, ";rate={rate_hz}")?;
         }
-        match self.scale {
-            Some(scale) => write!(f, ";scale={scale}"),
+        if let Some(scale) = self.scale {
+            write!(f, ";scale={scale}")?;
+        }
+        match self.sensitivity_mv_per_g {
+            Some(sensitivity) => write!(f, ";sensitivity={sensitivity}"),
             None => Ok(()),
         }
     }
@@ -287,4 +294,21 @@ fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
         return refuse("each name at most once");
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stored_media_type_tells_which_series_are_channels() {
+        let csv = RecordFormat::from_media_type("text/csv;sensitivity=100").unwrap();
+        let stored = csv.stored_media_type(Some("g"));
+        assert_eq!(stored, "text/csv;sensitivity=100; channels=vibration; unit=g");
+        assert_eq!(RecordFormat::from_media_type(&stored), Some(csv));
+        let parts = StoredMediaType::of(&stored);
+        assert_eq!((parts.has_every_series, parts.unit), (false, Some("g")));
+        assert!(StoredMediaType::of("text/csv; unit=g").has_every_series);
+        assert_eq!(RecordFormat::Json.stored_media_type(None), "application/json");
+    }
 }

@@ -1,6 +1,7 @@
 //! Whole recordings: the hand-made hostile ones in `fixtures/recordings`, round trips, and the real ones of
 //! the data folder.
 
+mod csv_columns;
 mod fixtures;
 mod flac;
 mod matlab;

@@ -43,6 +43,14 @@ impl Source {
         self.frames.bytes_read()
     }
 
+    /// Returns the unit of each channel, and the factor for its values.
+    pub(super) fn units_and_scales(
+        &self,
+        defaults: &RecordDefaults,
+    ) -> Result<Vec<(String, Option<f64>)>, RecordingError> {
+        self.info.units_and_scales(defaults)
+    }
+
     /// Returns the first selected channel whose unit the recording does not state.
     pub(super) fn channel_without_unit(&self) -> Option<&str> {
         let mut channels = self.info.channels.iter();

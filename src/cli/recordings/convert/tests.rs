@@ -81,6 +81,21 @@ fn rate_unit_and_start_time_of_the_file_are_used() {
 }
 
 #[test]
+fn a_sensitivity_follows_the_unit_of_each_column() {
+    let folder = Folder::with_file("in.csv", b"a [V],b [mV]\n1,100\n-2,50\n");
+    folder.convert("in.csv", "out.mcap", "--rate 10 --sensitivity-mv-per-g 100").unwrap();
+    folder.convert("in.csv", "out.wav", "--rate 10 --sensitivity-mv-per-g 100").unwrap();
+    for record in folder.records("out.mcap").iter().chain(&folder.records("out.wav")) {
+        let expected = if ["a", "1"].contains(&record.channel()) { [10.0, -20.0] } else { [1.0, 0.5] };
+        assert_eq!(record.samples(), expected, "{}", record.channel());
+    }
+    assert!(folder.records("out.mcap").iter().all(|record| record.unit() == "g"));
+    let scaled = RecordDefaults { scale: Some(2.0), ..RecordDefaults::default() };
+    let error = RecordingFile::open(folder.path("out.mcap"), scaled, None).err().unwrap().to_string();
+    assert!(error.contains("expected none: the samples of an MCAP recording are in their unit"), "{error}");
+}
+
+#[test]
 fn records_have_the_requested_length() {
     let text: String = (0..25).map(|k| format!("{k}\n")).collect();
     let folder = Folder::with_file("in.csv", text.as_bytes());
