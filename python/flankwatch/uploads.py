@@ -17,8 +17,8 @@ from .recording import Channel, Recording, RecordingError, argument_error
 #: Media types of the formats that the service reads itself.
 MEDIA_TYPES = {"wav": "audio/wav", "csv": "text/csv", "mcap": "application/mcap"}
 
-#: Units of samples that a sensitivity converts: volts, or unknown.
-VOLTS = (None, "V", "1")
+#: Units of samples that a sensitivity converts, in volts; samples of an unknown unit are in volts.
+VOLTS = {None: 1.0, "V": 1.0, "1": 1.0, "mV": 1e-3}
 
 
 def format_of(path: Path) -> str:
@@ -77,13 +77,14 @@ def scaled(recording: Recording, scale: float | None, sensitivity_mv_per_g: floa
         return recording
     channels = []
     for channel in recording:
-        unit = channel.unit
+        unit, own = channel.unit, 1.0
         if sensitivity_mv_per_g is not None:
             if unit not in VOLTS:
-                expected = f"none: channel {channel.name!r} is in {unit!r}, not in volts"
+                expected = f"none: channel {channel.name!r} is in {unit!r}, not in volts or mV"
                 raise argument_error(recording.path, "sensitivity_mv_per_g", sensitivity_mv_per_g, expected)
-            unit = "g"
-        channels.append(replace(channel, samples=channel.samples.astype(np.float64) * factor, unit=unit))
+            unit, own = "g", VOLTS[unit]
+        samples = channel.samples.astype(np.float64) * (factor * own)
+        channels.append(replace(channel, samples=samples, unit=unit))
     return replace(recording, channels=channels)
 
 

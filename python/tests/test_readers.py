@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import sys
+from pathlib import Path
 
 import flankwatch
 import numpy as np
@@ -14,6 +15,9 @@ import pyuff
 import scipy.io
 import scipy.io.wavfile
 import soundfile
+from flankwatch.reading.guess import split_unit
+from flankwatch.recording import Channel, Recording
+from flankwatch.uploads import scaled
 
 from conftest import real_data
 from recordings import RATE_HZ, SUBTYPES, WRITERS, signals, write_flac, write_npy, write_wav
@@ -40,6 +44,32 @@ def test_samples_rate_and_unit_are_those_written(tmp_path, name, number):
         assert found.unit == "g"
         if name == "tdms":
             assert found.start_time == np.datetime64("2026-03-01T08:00:00.25")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("acc [m/s2]", ("acc", "m/s2")),
+        ("acc (g)", ("acc", "g")),
+        ("Zeit (ms)", ("Zeit", "ms")),
+        ("t (s)", ("t", "s")),
+        ("ch1 (mV)", ("ch1", "mV")),
+        ("ch1 [V]", ("ch1", "V")),
+        ("ratio [1]", ("ratio", "1")),
+        *((name, (name, None)) for name in ("DE (V)", "DE (H)", "DE (A)", "Acc (1)", "Acc [2]", "a []")),
+    ],
+)
+def test_directions_and_numbers_in_brackets_are_no_units(name, expected):
+    assert split_unit(name) == expected
+
+
+def test_a_sensitivity_converts_volts_and_millivolts():
+    for unit, factor in [("V", 20.0), (None, 20.0), ("mV", 0.02)]:
+        channel = Channel("a", np.array([1.0, -3.0]), 10.0, unit)
+        (found,) = scaled(Recording(Path("a.csv"), "csv", [channel]), 2.0, 100.0)
+        assert found.unit == "g" and found.samples == pytest.approx([factor, -3 * factor])
+    with pytest.raises(flankwatch.RecordingError, match="is in 'g', not in volts or mV"):
+        scaled(Recording(Path("a.csv"), "csv", [Channel("a", np.ones(2), 10.0, "g")]), None, 100.0)
 
 
 @pytest.mark.parametrize("number", range(10))

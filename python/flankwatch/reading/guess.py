@@ -29,6 +29,13 @@ INTERVAL_NAMES = {"dt", "ts", "increment", "wfincrement", "sampleinterval", "sam
 START_NAMES = {"starttime", "wfstarttime", "start", "t0", "date", "datetime", "recordedat", "measurementtime"}
 UNIT_NAMES = {"unit", "units", "unitstring", "yunit", "unitdescription"}
 TIME_NAMES = {"t", "time", "zeit", "timestamp", "timevector", "tid", "temps"}
+#: Units in parentheses, in lower case. Other text there, such as a direction (V) or a number (1), is part of
+#: a name.
+UNITS_IN_PARENTHESES = {
+    *("m/s2", "m/s^2", "m/s**2", "m/s²", "m/sec2", "m/sec^2", "mm/s2", "mm/s^2", "mm/s²", "g", "mg"),
+    *("m/s", "m/sec", "mm/s", "mm/sec", "in/s", "in/sec", "ips", "mm", "um", "µm", "μm", "mv"),
+    *("sec", "seconds", "ms", "us", "µs", "ns", "rpm", "hz", "khz", "nm", "pa", "kpa", "bar", "degc", "°c"),
+}
 TIME_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 
 
@@ -60,8 +67,15 @@ def plain(name: str) -> str:
 
 def split_unit(name: str) -> tuple[str, str | None]:
     """Returns the stem and the unit of a name such as ``acc [m/s2]`` or ``Zeit (ms)``."""
-    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
-    return (match[1], match[2]) if match else (name, None)
+    square = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]\s*", name)
+    if square:
+        unit = square[2].strip()
+        # A number other than 1 is that of a sensor.
+        return (square[1], unit) if unit == "1" or unit.strip("0123456789") else (name, None)
+    match = re.fullmatch(r"(.*?)\s*\(([^)]*)\)\s*", name)
+    if match and (match[2] in ("m", "s") or match[2].lower() in UNITS_IN_PARENTHESES):
+        return match[1], match[2]
+    return name, None
 
 
 def as_time(value: Any) -> np.datetime64 | None:
