@@ -4,6 +4,8 @@ use std::error::Error;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use crate::recording::RecordingError;
+
 /// Why a command failed; the message names the file, address or field.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
@@ -82,6 +84,30 @@ impl CliError {
     pub(super) fn file<E: Into<Box<dyn Error + Send + Sync>>>(path: impl AsRef<Path>) -> impl Fn(E) -> Self {
         let path = path.as_ref().to_owned();
         move |source| Self::File { path: path.clone(), source: source.into() }
+    }
+
+    /// Returns a closure for `map_err` on reading a recording; the message names the option for what it lacks.
+    pub(super) fn recording(path: &Path) -> impl Fn(RecordingError) -> Self {
+        let failed = Self::file::<Box<dyn Error + Send + Sync>>(path);
+        move |error| {
+            let option = match &error {
+                RecordingError::Field { field: "the sampling rate" | "sample rate", .. } => "--rate",
+                RecordingError::Field { field: "the cut", .. } => "--record-seconds",
+                _ => return failed(error.into()),
+            };
+            failed(format!("{error} (see {option})").into())
+        }
+    }
+
+    /// Creates the error for the option that sets a field.
+    pub(super) fn option(field: &str, value: impl Display, expected: impl Display) -> Self {
+        let option = match field {
+            "sample_rate_hz" => "rate".to_owned(),
+            "interval_s" => "interval".to_owned(),
+            "seconds × sample_rate_hz" => "seconds × --rate".to_owned(),
+            field => field.replace('_', "-"),
+        };
+        Self::argument(&format!("--{option}"), value, expected)
     }
 
     /// Creates the error for an invalid argument.

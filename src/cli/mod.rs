@@ -9,11 +9,12 @@ mod output;
 mod recordings;
 mod service;
 mod simulation;
+mod time;
 
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
@@ -44,10 +45,13 @@ enum Command {
     /// Run a cluster worker, which analyses the records that the API nodes accept
     ///
     /// Any number of workers share the queue.
+    #[command(hide = cfg!(not(feature = "nats")))]
     Work(work::WorkArgs),
     /// Show the status of a cluster: its queue and its workers
+    #[command(hide = cfg!(not(feature = "nats")))]
     Cluster(cluster::ClusterArgs),
     /// List, show, retry or drop records that a cluster failed to store
+    #[command(hide = cfg!(not(feature = "nats")))]
     DeadLetters(dead_letters::DeadLettersArgs),
     /// Compute indicators and wear of recordings, without a server
     Analyze(analyze::AnalyzeArgs),
@@ -123,15 +127,28 @@ fn log_filter() -> Result<Targets, CliError> {
 
 /// Sends the log to standard error.
 fn start_log() -> Result<(), CliError> {
-    let layer =
-        tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    let is_colored =
+        io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let layer = tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(is_colored);
     tracing_subscriber::registry().with(layer).with(log_filter()?).init();
     Ok(())
 }
 
+/// Returns the commands; in every option, a number may be negative, so that its own error names it.
+fn commands() -> clap::Command {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        let numbers = |arg: clap::Arg| {
+            let takes_values = arg.get_action().takes_values();
+            if takes_values { arg.allow_negative_numbers(true) } else { arg }
+        };
+        command.mut_args(numbers).mut_subcommands(with_negative_numbers)
+    }
+    with_negative_numbers(Cli::command())
+}
+
 /// Parses this process's command line and runs the command.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::from_arg_matches(&commands().get_matches()).unwrap_or_else(|error| error.exit());
     let outcome = start_log().and_then(|()| match &cli.command {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),

@@ -36,6 +36,11 @@ fn options_that_would_be_ignored_are_errors() {
             &["stream", "x.wav", "--asset", "a", "--start-time", "2026-01-01T00:00:00Z", "--spool", "spool"],
             "--spool is given with a file",
         ),
+        (&["analyze", "x.wav", "--columns", "fm4", "--format", "csv"], "--columns"),
+        (&["analyze", "x.wav", "--envelope", "mesh"], "--envelope"),
+        (&["convert", "x.csv", "x.wav", "--asset", "a"], "--asset"),
+        (&["convert", "x.csv", "x.wav", "--torque-nm", "5"], "--torque-nm"),
+        (&["simulate", "--out", "run.wav", "--asset", "a"], "--asset"),
     ] {
         flankwatch(words).expect_failure(&[expected]);
     }
@@ -43,4 +48,52 @@ fn options_that_would_be_ignored_are_errors() {
     let wrong = program().args(["token", "list"]).env("FLANKWATCH_LOG", "flankwatch=loud").output().unwrap();
     let error = String::from_utf8_lossy(&wrong.stderr);
     assert!(!wrong.status.success() && error.contains("FLANKWATCH_LOG is \"flankwatch=loud\""), "{error}");
+}
+
+#[test]
+fn an_error_names_the_option_its_value_and_what_was_expected() {
+    let time = "expected a time such as 2026-01-31T08:00:00Z";
+    for (words, expected) in [
+        (&["simulate", "--out", "run.mcap", "--rate", "-5"][..], "--rate is -5, expected a rate"),
+        (&["simulate", "--out", "run.mcap", "--interval", "0"], "--interval is 0, expected a time above 0 s"),
+        (&["library", "build", "--rate", "5"], "--rate is 5, expected a rate"),
+        (&["evaluate", "--leave-one-out", "0"], "--leave-one-out is 0"),
+        (&["evaluate", "--leave-one-out", "1", "--wear-records", "0"], "--wear-records is 0"),
+        (&["convert", "x.csv", "x.mcap", "--unit", ""], "--unit is empty"),
+        (&["stream", "x.raw", "--asset", "a", "--start-time", "2026-01-01"], time),
+        (&["serve", "--listen", "localhost:8600"], "expected an IP address and a port"),
+    ] {
+        flankwatch(words).expect_failure(&[expected]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv").display().to_string();
+    fs::write(&file, "a\n1\n2\n").unwrap();
+    flankwatch(&["library", "show", &file]).expect_failure(&["run.csv", "library"]);
+    let wav = folder.path().join("a.wav").display().to_string();
+    flankwatch(&["convert", &file, &wav, "--rate", "1000"]).expect_success();
+    let same = ["convert", &wav, &wav, "--force"];
+    flankwatch(&same).expect_failure(&["OUT is", "another file than the recordings"]);
+}
+
+#[test]
+fn a_command_does_not_create_a_store_for_a_wrong_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let place = data.display().to_string();
+    for words in [
+        &["rebuild"][..],
+        &["token", "create", "me"],
+        &["token", "list"],
+        &["quarantine", "list"],
+        &["library", "list"],
+    ] {
+        let words = [words, &["--data-dir", &place]].concat();
+        flankwatch(&words).expect_failure(&["--data-dir is", "expected an existing data folder"]);
+        assert!(!data.exists(), "{words:?}");
+    }
+    fs::create_dir(&data).unwrap();
+    flankwatch(&["token", "create", " ", "--data-dir", &place]).expect_failure(&["NAME is empty"]);
+    flankwatch(&["token", "create", "me", "--data-dir", &place]).expect_success();
+    let listed = flankwatch(&["token", "list", "--data-dir", &place]).expect_success().out();
+    assert!(listed.starts_with("id        scope  created") && listed.lines().count() == 2, "{listed}");
 }

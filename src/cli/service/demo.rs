@@ -13,7 +13,7 @@ use clap::Args;
 use jiff::{SignedDuration, Timestamp};
 use tokio::sync::watch;
 
-use super::serve::shutdown_signal;
+use super::serve::{shutdown_signal, socket_address};
 use crate::asset::{
     AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, StreamSpec, WearLimits,
 };
@@ -46,7 +46,7 @@ const INSPECTION_ERROR_UM: f64 = 5.0;
 pub(in crate::cli) struct DemoArgs {
     /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600, or a free port if it is in
     /// use]
-    #[arg(long, value_name = "ADDR")]
+    #[arg(long, value_name = "ADDR", value_parser = socket_address)]
     listen: Option<SocketAddr>,
     /// Folder to keep the demonstration's data in [default: a temporary folder]
     #[arg(long, value_name = "DIR")]

@@ -28,7 +28,7 @@ pub(in crate::cli) struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600].
-    #[arg(long, value_name = "ADDR")]
+    #[arg(long, value_name = "ADDR", value_parser = socket_address)]
     pub listen: Option<SocketAddr>,
     /// Data folder: database, raw recordings, libraries [default: ./flankwatch-data].
     #[arg(long, value_name = "DIR")]
@@ -51,6 +51,12 @@ pub(in crate::cli) struct ServeArgs {
     pub host_name: Vec<String>,
     #[command(flatten)]
     pub mqtt: super::mqtt::MqttArgs,
+}
+
+/// Parses an address to listen on.
+pub(super) fn socket_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse()
+        .map_err(|_| "expected an IP address and a port such as 127.0.0.1:8600 or [::]:8600".to_owned())
 }
 
 /// The settings file.
