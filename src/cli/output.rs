@@ -1,10 +1,11 @@
 //! Output to standard output and to files; files are replaced atomically.
 
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::CliError;
+use super::interrupt::remove_if_interrupted;
 
 /// Prints to standard output; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), CliError> {
@@ -18,7 +19,17 @@ pub(super) fn print(text: &str) -> Result<(), CliError> {
 
 /// Prints a line to standard error; a closed pipe is not an error.
 pub(super) fn note(line: &str) {
-    let _ = writeln!(io::stderr(), "{line}");
+    let _ = writeln!(io::stderr(), "{}", printable(line));
+}
+
+/// Escapes control characters, which a file's name may have and a terminal would obey.
+pub(super) fn printable(text: &str) -> String {
+    let escape = |letter: char| match letter {
+        '\n' | '\t' => letter.to_string(),
+        letter if letter.is_control() => letter.escape_default().to_string(),
+        letter => letter.to_string(),
+    };
+    text.chars().map(escape).collect()
 }
 
 /// A number of things, for example `1 record` or `2 records`.
@@ -34,32 +45,58 @@ pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     partial.complete()
 }
 
-/// A file under a temporary name in the same folder; removed on drop unless it is completed.
-pub(super) struct PartialFile<'a> {
-    pub(super) file: File,
-    temporary: PathBuf,
-    path: &'a Path,
+/// Checks that a command may write a file: it replaces an existing one only if it is forced to.
+pub(super) fn check_new(path: &Path, is_forced: bool) -> Result<(), CliError> {
+    if path.is_file() && !is_forced {
+        let detail = format!("{path:?} exists, expected a new file (or --force to replace it)");
+        return Err(CliError::Argument(detail));
+    }
+    check_folder(path)
 }
 
-impl<'a> PartialFile<'a> {
-    pub(super) fn create(path: &'a Path) -> Result<Self, CliError> {
+/// Checks that the folder of a file exists, before the work whose result the file gets.
+pub(super) fn check_folder(path: &Path) -> Result<(), CliError> {
+    match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        Some(folder) => Err(CliError::file(path)(format!("there is no folder {}", folder.display()))),
+        None => Ok(()),
+    }
+}
+
+/// A file under a temporary name in the same folder; removed on drop and on Ctrl-C unless it is completed.
+/// What is no file, such as `/dev/null`, is written directly.
+pub(super) struct PartialFile {
+    pub(super) file: File,
+    temporary: Option<PathBuf>,
+    path: PathBuf,
+}
+
+impl PartialFile {
+    pub(super) fn create(path: &Path) -> Result<Self, CliError> {
+        // A link is kept: what it leads to is replaced.
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        if path.exists() && !path.is_file() {
+            let file = OpenOptions::new().write(true).open(&path).map_err(CliError::file(&path))?;
+            return Ok(Self { file, temporary: None, path });
+        }
         let name = path.file_name().unwrap_or_default().display();
         let temporary = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-        let file = File::create(&temporary).map_err(CliError::file(path))?;
-        Ok(Self { file, temporary, path })
+        remove_if_interrupted(&temporary);
+        let file = File::create(&temporary).map_err(CliError::file(&path))?;
+        Ok(Self { file, temporary: Some(temporary), path })
     }
 
     /// Syncs the file and renames it.
     pub(super) fn complete(self) -> Result<(), CliError> {
-        let renamed = self.file.sync_all().and_then(|()| fs::rename(&self.temporary, self.path));
-        renamed.map_err(CliError::file(self.path))
+        let Some(temporary) = &self.temporary else { return Ok(()) };
+        let renamed = self.file.sync_all().and_then(|()| fs::rename(temporary, &self.path));
+        renamed.map_err(CliError::file(&self.path))
     }
 }
 
-impl Drop for PartialFile<'_> {
+impl Drop for PartialFile {
     fn drop(&mut self) {
         // The error that kept the file from its name is the one to report; completed, it has another name.
-        let _ = fs::remove_file(&self.temporary);
+        let _ = self.temporary.as_ref().map(fs::remove_file);
     }
 }
 
@@ -82,5 +119,35 @@ mod tests {
         assert_eq!((fs::read(&path).unwrap(), names()), (b"earlier".to_vec(), vec!["out.csv".into()]));
         write_file(&path, b"later").unwrap();
         assert_eq!((fs::read(&path).unwrap(), names()), (b"later".to_vec(), vec!["out.csv".into()]));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_and_a_device_stay_what_they_are() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let [target, link] = ["target", "link"].map(|name| folder.path().join(name));
+        fs::write(&target, "earlier").unwrap();
+        symlink(&target, &link).unwrap();
+        write_file(&link, b"new").unwrap();
+        assert!(link.is_symlink() && fs::read(&target).unwrap() == b"new");
+        assert!(PartialFile::create(Path::new("/dev/null")).unwrap().temporary.is_none());
+    }
+
+    #[test]
+    fn an_existing_file_and_a_missing_folder_are_found_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.wav");
+        check_new(&path, false).unwrap();
+        fs::write(&path, "").unwrap();
+        assert!(check_new(&path, false).unwrap_err().to_string().contains("--force"));
+        check_new(&path, true).unwrap();
+        let error = check_new(&folder.path().join("none/a.wav"), true).unwrap_err().to_string();
+        assert!(error.contains("there is no folder"), "{error}");
+    }
+
+    #[test]
+    fn control_characters_are_escaped() {
+        assert_eq!(printable("a\u{1b}[31m.wav: é\n"), "a\\u{1b}[31m.wav: é\n");
     }
 }

@@ -13,13 +13,17 @@ use rayon::prelude::*;
 use super::library::progress_bar;
 use super::pair_file;
 use crate::cli::client::server::asset_id;
+use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
 use crate::recording::{McapCompression, McapOptions, McapWriter, WavWriter};
 use crate::signal::Record;
-use crate::simulation::{Run, RunPlan, SimulatedRecord};
+use crate::simulation::{Run, RunPlan, SimulatedRecord, SimulationError};
 
 /// The file with the true wear depths, beside the records of a run.
 pub(in crate::cli) const TRUTH_FILE_NAME: &str = "truth.csv";
+
+/// The asset in the topics of a run by default.
+const ASSET: &str = "simulated";
 
 /// Number of records simulated in parallel before they are written in order.
 const BATCH: u32 = 8;
@@ -61,19 +65,22 @@ pub(in crate::cli) struct SimulateArgs {
     #[arg(long, value_name = "FRACTION", default_value_t = 0.02)]
     torque_variation: f64,
     /// Time of the first sample
-    #[arg(long, value_name = "TIME", default_value = "2026-01-01T00:00:00Z")]
+    #[arg(long, value_name = "TIME", default_value = "2026-01-01T00:00:00Z", value_parser = parse_time)]
     start_time: Timestamp,
     /// Time between the starts of two records in seconds
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     interval: f64,
-    /// Asset identifier in the MCAP topics
-    #[arg(long, value_name = "ID", default_value = "simulated")]
-    asset: String,
+    /// Asset identifier in the MCAP topics [default: simulated]
+    #[arg(long, value_name = "ID")]
+    asset: Option<String>,
+    /// Replace the file or the records of the folder if they exist
+    #[arg(long)]
+    force: bool,
 }
 
 /// Runs the command.
 pub(in crate::cli) fn run(args: &SimulateArgs) -> Result<(), CliError> {
-    asset_id(&args.asset)?;
+    check_output(args)?;
     let pair = pair_file::read(args.pair.as_deref())?;
     let run = Run::new(RunPlan {
         max_wear_um: args.max_wear_um.unwrap_or_else(|| pair.usual_wear_um()),
@@ -89,21 +96,39 @@ pub(in crate::cli) fn run(args: &SimulateArgs) -> Result<(), CliError> {
         torque_variation: args.torque_variation,
         seed: args.seed,
         channel: "gearbox/x".to_owned(),
+    });
+    let run = run.map_err(|error| match error {
+        SimulationError::Plan { field, value, expected } => CliError::option(field, value, expected),
+        error => error.into(),
     })?;
     let bar = progress_bar(u64::from(args.records), "records");
-    match args.out.extension().and_then(|extension| extension.to_str()) {
-        Some("mcap") => write_mcap(args, &run, &bar)?,
-        Some("wav") => write_wav_folder(args, &run, &bar)?,
-        _ => {
-            return Err(CliError::Argument(format!(
-                "--out is {}, expected a name that ends in .mcap or .wav",
-                args.out.display()
-            )));
-        }
+    if args.out.extension().is_some_and(|extension| extension == "mcap") {
+        write_mcap(args, &run, &bar)?;
+    } else {
+        write_wav_folder(args, &run, &bar)?;
     }
     bar.finish_and_clear();
     let records = output::counted(args.records.into(), "record");
     output::print(&format!("{records} of {} s in {}\n", args.seconds, args.out.display()))
+}
+
+/// Checks the options before the simulation.
+fn check_output(args: &SimulateArgs) -> Result<(), CliError> {
+    if args.interval <= 0.0 {
+        return Err(CliError::argument("--interval", args.interval, "a time above 0 s"));
+    }
+    match (args.out.extension().and_then(|extension| extension.to_str()), &args.asset) {
+        (Some("mcap"), asset) => {
+            asset_id(asset.as_deref().unwrap_or(ASSET))?;
+            output::check_new(&args.out, args.force)
+        }
+        (Some("wav"), None) => check_folder(args),
+        (Some("wav"), Some(_)) => {
+            let out = args.out.display();
+            Err(CliError::Argument(format!("--asset is given for {out}, expected an .mcap")))
+        }
+        _ => Err(CliError::argument("--out", args.out.display(), "a name that ends in .mcap or .wav")),
+    }
 }
 
 /// Simulates the records in parallel batches and passes them to `write` in order.
@@ -148,7 +173,8 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
     ];
     let acquisition = acquisition.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
     writer.metadata("acquisition", acquisition).map_err(CliError::file(&args.out))?;
-    let topic = format!("/{}/{}/waveform", args.asset, run.plan().channel);
+    let asset = args.asset.as_deref().unwrap_or(ASSET);
+    let topic = format!("/{asset}/{}/waveform", run.plan().channel);
     for_each_record(run, |_, simulated| {
         writer.write(&topic, &simulated.record).map_err(CliError::file(&args.out))?;
         bar.inc(1);
@@ -162,8 +188,12 @@ fn wav_name(index: u32) -> String {
     format!("record-{index:05}.wav")
 }
 
-/// Refuses a folder with a WAV file that the run does not replace: it would count as a record of the run.
+/// Refuses a folder with a WAV file that the run does not replace, as it would count as a record of the run;
+/// without --force, also one with records that it replaces.
 fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
+    if !args.out.exists() {
+        return output::check_folder(&args.out);
+    }
     let replaced: BTreeSet<PathBuf> = (0..args.records).map(|index| args.out.join(wav_name(index))).collect();
     for entry in fs::read_dir(&args.out).map_err(CliError::file(&args.out))? {
         let path = entry.map_err(CliError::file(&args.out))?.path();
@@ -175,12 +205,11 @@ fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
             )));
         }
     }
-    Ok(())
+    replaced.iter().try_for_each(|path| output::check_new(path, args.force))
 }
 
 fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
     fs::create_dir_all(&args.out).map_err(CliError::file(&args.out))?;
-    check_folder(args)?;
     let mut truth = "file,start_time,wear_um\n".to_owned();
     for_each_record(run, |index, simulated| {
         let name = wav_name(index);
