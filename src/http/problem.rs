@@ -296,9 +296,15 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
             ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::StreamFormat { .. }
-            | ServiceError::StreamHeld { .. }
-            | ServiceError::StreamTaken => Self::new(StatusCode::CONFLICT, error.to_string()),
+            ServiceError::StreamFormat { field, ref value, .. } => {
+                let mut problem = Self::new(StatusCode::CONFLICT, error.to_string());
+                problem.0.field = Some(field.to_owned());
+                problem.0.value = Some(value.clone());
+                problem
+            }
+            ServiceError::StreamHeld { .. } | ServiceError::StreamTaken => {
+                Self::new(StatusCode::CONFLICT, error.to_string())
+            }
             ServiceError::StreamUnknown { .. }
             | ServiceError::AlarmUnknown(_)
             | ServiceError::MaintenanceUnknown(_)

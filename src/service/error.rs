@@ -104,14 +104,20 @@ pub enum ServiceError {
     },
     /// A live stream has another format than the one requested.
     #[error(
-        "stream {name:?} of asset {asset} has a different sample, sample_rate_hz, channels, scale, unit, channel_names \
-                 or tachometer: send the same format, or use another name"
+        "{field} is {value}, expected {expected} as in stream {name:?} of asset {asset}: \
+         send the same format, or use another name"
     )]
     StreamFormat {
         /// The asset.
         asset: AssetId,
         /// The stream.
         name: String,
+        /// The field of the format that differs.
+        field: &'static str,
+        /// The requested value.
+        value: String,
+        /// The stream's value.
+        expected: String,
     },
     /// A live stream belongs to an earlier asset of the same name, and removals are suspended.
     #[error(

@@ -162,11 +162,9 @@ impl Streams {
                         stored.insert(StoredStream::create(&opened.place, created_at, wanted.clone(), first)?)
                     }
                 };
-                if stored.state().format != wanted {
-                    return Err(ServiceError::StreamFormat {
-                        asset: opened.asset.clone(),
-                        name: opened.name.clone(),
-                    });
+                if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
+                    let (asset, name) = (opened.asset.clone(), opened.name.clone());
+                    return Err(ServiceError::StreamFormat { asset, name, field, value, expected });
                 }
                 let owner = if opened.place.is_shared() {
                     let owner = random() as u64;

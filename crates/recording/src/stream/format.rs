@@ -83,6 +83,34 @@ impl StreamFormat {
         self.sample.bytes() * self.channels()
     }
 
+    /// Returns the first field in which another format differs, with its value there and here.
+    pub fn difference(&self, other: &Self) -> Option<(&'static str, String, String)> {
+        let pairs = self.fields().into_iter().zip(other.fields());
+        let differs = pairs.filter(|((_, own), (_, others))| own != others);
+        differs.map(|((name, own), (_, others))| (name, others, own)).next()
+    }
+
+    /// The fields, as a sender states them.
+    fn fields(&self) -> [(&'static str, String); 10] {
+        fn text<T: ToString>(value: Option<T>) -> String {
+            value.map_or_else(|| "not given".to_owned(), |value| value.to_string())
+        }
+        let names = Some(self.channel_names.join(",")).filter(|names| !names.is_empty());
+        let tachometer = self.tachometer.as_ref();
+        [
+            ("sample", self.sample.name().to_owned()),
+            ("sample_rate_hz", self.sample_rate_hz.to_string()),
+            ("channels", self.channels.to_string()),
+            ("scale", text(self.scale)),
+            ("unit", text(self.unit.as_ref())),
+            ("channel_names", text(names)),
+            ("tachometer_channel", text(tachometer.map(|tachometer| self.name_of(tachometer)))),
+            ("tachometer_level", text(tachometer.map(TachometerChannel::level))),
+            ("tachometer_hysteresis", text(tachometer.map(TachometerChannel::hysteresis))),
+            ("pulses_per_revolution", text(tachometer.map(TachometerChannel::pulses_per_revolution))),
+        ]
+    }
+
     /// Returns the layout for reading bytes of the stream as a record.
     ///
     /// # Errors
@@ -185,5 +213,25 @@ impl StreamFormat {
         format.channels -= 1;
         (format.channel_names, format.tachometer) = (channel_names, None);
         (format, others.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_field_that_differs_is_named() {
+        let format = |rate_hz, scale| StreamFormat::new(RawSample::F32, rate_hz, 2, scale).unwrap();
+        let own = format(1000.0, None);
+        assert_eq!(own.difference(&own), None);
+        let difference = |other: StreamFormat| own.difference(&other).unwrap();
+        let rate = difference(format(2000.0, Some(2.0)));
+        assert_eq!(rate, ("sample_rate_hz", "2000".to_owned(), "1000".to_owned()));
+        assert_eq!(difference(format(1000.0, Some(2.0))).0, "scale");
+        let named = own.clone().with_names(None, vec!["a".to_owned(), "b".to_owned()]).unwrap();
+        assert_eq!(difference(named), ("channel_names", "a,b".to_owned(), "not given".to_owned()));
+        let with_pulses = own.clone().with_tachometer("2", 1.0, None, 1).unwrap();
+        assert_eq!(difference(with_pulses).0, "tachometer_channel");
     }
 }
