@@ -24,9 +24,10 @@ use jiff::Timestamp;
 use super::server::{ServerArgs, asset_id};
 use crate::asset::DEFAULT_STREAM;
 use crate::cli::interrupt::interrupted;
+use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
-use crate::recording::RawSample;
 use crate::recording::stream::StreamFormat;
+use crate::recording::{RawSample, RecordingError};
 use sender::{SendOutcome, Sender};
 use source::{SampleSource, Source, SourceBlock};
 use spool::{Block, Spool};
@@ -86,7 +87,7 @@ pub(in crate::cli) struct StreamArgs {
     #[arg(long, value_name = "N", requires = "tachometer_channel")]
     pulses_per_revolution: Option<u32>,
     /// Time of the first sample; required for a file [default: now]
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     start_time: Option<Timestamp>,
     /// Continue at the end of the file as it grows
     #[arg(long)]
@@ -149,16 +150,20 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
         )?)),
     };
     let start = args.start_time.unwrap_or_else(Timestamp::now);
-    let begin = index_of(start, source.format())?;
-    let mut sender = Sender::new(args, &asset, source.format())?;
+    let format = source.format().clone();
+    let begin = index_of(start, &format)?;
+    let mut sender = Sender::new(args, &asset, &format)?;
     let mut begin_index = begin;
-    if let Some(next) = sender.server_next() {
+    if let Some(next) = sender.server_next()? {
         if let Input::Bytes(source) = &mut source
             && is_file
         {
-            let sent = next.saturating_sub(begin);
-            source.skip(&args.source, sent)?;
-            begin_index += sent;
+            let stored = next.saturating_sub(begin);
+            if stored > source.skip(&args.source, stored)? {
+                return Err(continues_after(args, next, &format));
+            }
+            begin_index += stored;
+            sender.repeated = stored;
         } else if next > begin && args.start_time.is_none() {
             // The clock was set back since the last run: new samples must not look like repeated ones.
             begin_index = next;
@@ -167,7 +172,7 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
     let spool = Spool::open(args.spool.clone(), args.spool_bytes, &sender.format)?;
     if args.start_time.is_none() {
         // The same for those of the last run that are not sent yet.
-        begin_index = begin_index.max(spool.end_on_disk(source.format().frame_bytes()));
+        begin_index = begin_index.max(spool.end_on_disk(format.frame_bytes()));
     }
     let shared =
         Arc::new(Shared { buffer: Mutex::new(Buffer { spool, end: None }), changed: Condvar::new() });
@@ -187,8 +192,26 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
             "lost {lost} bytes of unsent samples: use --spool to keep them for the next run"
         ));
     }
+    let repeated = match sender.repeated {
+        0 => String::new(),
+        repeated => format!(", which had {repeated} already"),
+    };
+    output::print(&format!("{} samples of each channel sent to {}{repeated}\n", sender.sent, sender.url))?;
     result?;
-    output::print(&format!("{} samples of each channel sent to {}\n", sender.sent, sender.url))
+    let next = sender.next.filter(|next| sender.sent == 0 && *next > begin + sender.repeated);
+    match next.filter(|_| sender.repeated > 0) {
+        Some(next) => Err(continues_after(args, next, &format)),
+        None => Ok(()),
+    }
+}
+
+/// The error for samples of a time that the stream has passed.
+fn continues_after(args: &StreamArgs, next: u64, format: &StreamFormat) -> CliError {
+    let to = Timestamp::UNIX_EPOCH + seconds(format, next);
+    CliError::Argument(format!(
+        "stream {} already continues to {to}, expected a later --start-time or another --name",
+        args.name
+    ))
 }
 
 impl StreamArgs {
@@ -198,7 +221,10 @@ impl StreamArgs {
         let format = sample
             .parse()
             .and_then(|sample: RawSample| StreamFormat::new(sample, rate_hz, self.channels, self.scale));
-        format.map(Some).map_err(|error| CliError::Argument(error.to_string()))
+        format.map(Some).map_err(|error| match error {
+            RecordingError::Field { field, value, expected } => CliError::option(field, value, expected),
+            error => CliError::Argument(error.to_string()),
+        })
     }
 }
 

@@ -32,6 +32,10 @@ pub(super) struct Sender {
     frame_bytes: usize,
     /// Samples per channel that the server has stored.
     pub(super) sent: u64,
+    /// Samples per channel that the server had already.
+    pub(super) repeated: u64,
+    /// Index that the server expects next, where it has said so.
+    pub(super) next: Option<u64>,
     wait: Duration,
     is_behind: bool,
 }
@@ -77,17 +81,27 @@ impl Sender {
             format: query,
             frame_bytes: format.frame_bytes(),
             sent: 0,
+            repeated: 0,
+            next: None,
             wait: FIRST_WAIT,
             is_behind: false,
         })
     }
 
     /// Returns the index that the server expects next; `None` if it has no such stream or is unreachable.
-    pub(super) fn server_next(&self) -> Option<u64> {
+    ///
+    /// # Errors
+    /// The stream has another format.
+    pub(super) fn server_next(&mut self) -> Result<Option<u64>, CliError> {
         let request = self.agent.get(format!("{}?name={}", self.url, escaped(&self.name)));
-        let mut response = self.server.authorized(request).call().ok()?;
-        let text = response.body_mut().read_to_string().ok()?;
-        serde_json::from_str::<Answer>(&text).ok()?.next
+        let Ok(mut response) = self.server.authorized(request).call() else { return Ok(None) };
+        let text = response.body_mut().read_to_string().unwrap_or_default();
+        self.next = serde_json::from_str::<Answer>(&text).ok().and_then(|answer| answer.next);
+        if self.next.is_some() {
+            // The server compares the format of an empty part too, before any sample is skipped.
+            let _ = self.post("", &[])?;
+        }
+        Ok(self.next)
     }
 
     /// Sends a block.
@@ -97,35 +111,14 @@ impl Sender {
     pub(super) fn send(&mut self, block: &Block) -> Result<SendOutcome, CliError> {
         let time = Timestamp::from_nanosecond(block.time_ns.into()).unwrap_or_default();
         // Blocks are sent in order, so samples missing before this one are lost.
-        let address = format!(
-            "{}?name={}&{}&first_index={}&start_time={time}&after_gap=true",
-            self.url,
-            escaped(&self.name),
-            self.format,
-            block.first,
-        );
-        let request = self.agent.post(address).content_type("application/octet-stream");
-        let reason = match self.server.authorized(request).send(&block.bytes[..]) {
-            Ok(mut response) => {
-                let status = response.status().as_u16();
-                let text = response.body_mut().read_to_string();
-                match (status, text) {
-                    (200, Ok(_)) => {
-                        self.sent += (block.bytes.len() / self.frame_bytes) as u64;
-                        self.wait = FIRST_WAIT;
-                        return Ok(SendOutcome::Stored);
-                    }
-                    (200, Err(error)) => error.to_string(),
-                    (408 | 429 | 500 | 502 | 503 | 504 | 507, text) => {
-                        refusal(status, &text.unwrap_or_default())
-                    }
-                    (_, text) => {
-                        let reason = refusal(status, &text.unwrap_or_default());
-                        return Err(CliError::Server { url: self.url.clone(), reason });
-                    }
-                }
+        let place = format!("&first_index={}&start_time={time}&after_gap=true", block.first);
+        let reason = match self.post(&place, &block.bytes)? {
+            Ok(next) => {
+                self.count(block.first, (block.bytes.len() / self.frame_bytes) as u64, next);
+                self.wait = FIRST_WAIT;
+                return Ok(SendOutcome::Stored);
             }
-            Err(error) => error.to_string(),
+            Err(reason) => reason,
         };
         if !std::mem::replace(&mut self.is_behind, true) {
             note(&format!("failed to send, buffering samples: {reason}"));
@@ -133,6 +126,41 @@ impl Sender {
         let wait = self.wait;
         self.wait = (wait * 2).min(MAX_WAIT);
         Ok(SendOutcome::RetryAfter(wait))
+    }
+
+    /// Counts a block by the index that the server expects after it.
+    fn count(&mut self, first: u64, frames: u64, next: Option<u64>) {
+        let end = first + frames;
+        let next = next.unwrap_or(end);
+        // An answer may have been lost: a block sent again is stored, too.
+        let stored = if next > end { 0 } else { end - self.next.unwrap_or(first).clamp(first, end) };
+        self.sent += stored;
+        self.repeated += frames - stored;
+        self.next = Some(next);
+    }
+
+    /// Sends samples; returns the index that the server expects next, or why they must be sent again.
+    fn post(&self, place: &str, samples: &[u8]) -> Result<Result<Option<u64>, String>, CliError> {
+        let address = format!("{}?name={}&{}{place}", self.url, escaped(&self.name), self.format);
+        let request = self.agent.post(address).content_type("application/octet-stream");
+        let mut response = match self.server.authorized(request).send(samples) {
+            Ok(response) => response,
+            Err(error) => return Ok(Err(error.to_string())),
+        };
+        let status = response.status().as_u16();
+        match (status, response.body_mut().read_to_string()) {
+            (200, Ok(text)) => {
+                Ok(Ok(serde_json::from_str::<Answer>(&text).ok().and_then(|answer| answer.next)))
+            }
+            (200, Err(error)) => Ok(Err(error.to_string())),
+            (408 | 429 | 500 | 502 | 503 | 504 | 507, text) => {
+                Ok(Err(refusal(status, &text.unwrap_or_default())))
+            }
+            (_, text) => {
+                let reason = refusal(status, &text.unwrap_or_default());
+                Err(CliError::Server { url: self.url.clone(), reason })
+            }
+        }
     }
 
     /// Whether sending has failed since the sender last caught up.

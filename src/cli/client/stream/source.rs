@@ -9,6 +9,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 
 use crate::cli::CliError;
+use crate::cli::output::note;
 use crate::recording::stream::StreamFormat;
 use crate::recording::{RawSample, WavFormat, WavSamples};
 
@@ -47,6 +48,8 @@ pub(super) struct Source {
     begin: u64,
     /// Bytes not read yet, where their number is known.
     remaining: Option<u64>,
+    /// Samples that are no finite numbers.
+    not_finite: u64,
     /// Whether to wait at the end of the file for it to grow.
     is_followed: bool,
     stop: Arc<AtomicBool>,
@@ -84,17 +87,47 @@ impl Source {
             }
         };
         let name = if path == "-" { "standard input" } else { path }.to_owned();
-        Ok(Self { reader, name, format, converted, begin, remaining, is_followed, stop })
+        Ok(Self { reader, name, format, converted, begin, remaining, not_finite: 0, is_followed, stop })
     }
 
-    /// Skips frames of a file.
-    pub(super) fn skip(&mut self, path: &str, frames: u64) -> Result<(), CliError> {
-        let bytes = frames.saturating_mul(self.read_frame_bytes() as u64);
-        let place = SeekFrom::Start(self.begin.saturating_add(bytes));
-        let file = File::open(path).and_then(|mut file| file.seek(place).map(|_| file));
-        self.reader = Box::new(file.map_err(CliError::file(path))?);
-        self.remaining = self.remaining.map(|remaining| remaining.saturating_sub(bytes));
-        Ok(())
+    /// Skips frames of a file; returns how many it has, which may be fewer.
+    pub(super) fn skip(&mut self, path: &str, frames: u64) -> Result<u64, CliError> {
+        let width = self.read_frame_bytes() as u64;
+        let mut file = File::open(path).map_err(CliError::file(path))?;
+        let length = file.metadata().map_err(CliError::file(path))?.len();
+        let available = length.saturating_sub(self.begin) / width;
+        if frames > 0 {
+            let bytes = frames.saturating_mul(width);
+            file.seek(SeekFrom::Start(self.begin.saturating_add(bytes))).map_err(CliError::file(path))?;
+            self.reader = Box::new(file);
+            self.remaining = self.remaining.map(|remaining| remaining.saturating_sub(bytes));
+        }
+        Ok(available)
+    }
+
+    /// Notes samples that are no numbers when the first ones occur: those after them may be good.
+    fn count_not_finite(&mut self, samples: u64) {
+        if samples > 0 && self.not_finite == 0 {
+            note(&format!("{}: samples are not finite numbers: no record is made of them", self.name));
+        }
+        self.not_finite += samples;
+    }
+
+    /// Checks, when all is read, that it was complete and consisted of numbers.
+    fn check_end(&self) -> Result<(), CliError> {
+        let failed = CliError::file(&self.name);
+        if self.stop.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        match self.remaining {
+            Some(bytes) if bytes >= self.read_frame_bytes() as u64 => {
+                Err(failed(format!("it ends {bytes} bytes before the length in its header")))
+            }
+            _ if self.not_finite > 0 => {
+                Err(failed(format!("{} samples are not finite numbers", self.not_finite)))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Size of a frame in the source.
@@ -127,7 +160,7 @@ impl SampleSource for Source {
         bytes.truncate(filled / width * width);
         self.remaining = self.remaining.map(|remaining| remaining - bytes.len() as u64);
         if bytes.is_empty() {
-            return Ok(None);
+            return self.check_end().map(|()| None);
         }
         // The last sample was measured just now.
         let length_s = self.format.seconds((bytes.len() / width) as u64);
@@ -139,6 +172,10 @@ impl SampleSource for Source {
             }
             None => bytes,
         };
+        if self.format.sample() == RawSample::F32 {
+            let samples = bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+            self.count_not_finite(samples.filter(|sample| !sample.is_finite()).count() as u64);
+        }
         Ok(Some(SourceBlock { lost: 0, time, bytes }))
     }
 }
@@ -162,10 +199,35 @@ mod tests {
         std::fs::write(&path, wav).unwrap();
         let path = path.to_str().unwrap();
         let mut source = Source::open(path, None, false, Arc::default()).unwrap();
-        source.skip(path, 1).unwrap();
+        assert_eq!(source.skip(path, 1).unwrap(), 4);
         let block = source.next().unwrap().unwrap();
         let values: Vec<_> = source.format().values(&block.bytes).collect();
         assert_eq!(values, [0.25 + f32::EPSILON, -0.5, 0.5]);
         assert!(source.next().unwrap().is_none());
+    }
+
+    #[test]
+    fn a_truncated_file_and_samples_that_are_no_numbers_are_errors_at_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.wav");
+        let path = path.to_str().unwrap();
+        let mut wav =
+            b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x03\0\x01\0\x40\x1f\0\0\0\x7d\0\0\x04\0\x20\0".to_vec();
+        wav.extend_from_slice(b"data\x0c\0\0\0");
+        for (samples, expected) in [
+            (&[1.0, 2.0, 3.0][..], None),
+            (&[1.0, 2.0], Some("ends 4 bytes before the length in its header")),
+            (&[1.0, f32::NAN, f32::INFINITY], Some("2 samples are not finite numbers")),
+        ] {
+            let samples: Vec<u8> = samples.iter().flat_map(|sample: &f32| sample.to_le_bytes()).collect();
+            std::fs::write(path, [&wav[..], &samples].concat()).unwrap();
+            let mut source = Source::open(path, None, false, Arc::default()).unwrap();
+            assert_eq!(source.next().unwrap().unwrap().bytes.len(), samples.len());
+            let end = source.next().map_err(|error| error.to_string());
+            match expected {
+                None => assert!(end.unwrap().is_none()),
+                Some(words) => assert!(end.as_ref().is_err_and(|error| error.contains(words)), "{end:?}"),
+            }
+        }
     }
 }
