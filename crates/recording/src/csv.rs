@@ -177,6 +177,12 @@ impl<R: Read> CsvFrames<R> {
         if !self.reader.read_byte_record(&mut self.line).map_err(|error| csv_error(error, skipped))? {
             return Ok(false);
         }
+        // Only in a single column a blank line may be a sample that is missing.
+        let start = self.line.position().map_or(0, csv::Position::line);
+        if self.head.columns.len() == 1 && self.reader.position().line() > start + 1 {
+            let (line, what) = (self.line(), "empty, expected a number".to_owned());
+            return Err(RecordingError::CsvLine { line, what });
+        }
         for ((sample, &column), channel) in frame.iter_mut().zip(&self.columns).zip(&self.channels) {
             let field = text(self.line.get(column).unwrap_or_default());
             match self.decimals.parse::<f32>(&field) {
@@ -236,7 +242,9 @@ fn choose(head: &Head, selected: &[String]) -> Result<Vec<usize>, RecordingError
         selected.iter().map(find).collect::<Result<_, _>>()?
     };
     if columns.is_empty() {
-        return Err(refuse(format!("no column with samples among {}", names())));
+        let names = names();
+        let others = if names.is_empty() { "" } else { " among " };
+        return Err(refuse(format!("no column with samples{others}{names}")));
     }
     Ok(columns)
 }
@@ -381,6 +389,8 @@ mod tests {
         let (channels, frames) = read("a1, a2\n1.5,-2e-3\r\n\n3,4", &[]).unwrap();
         assert_eq!(channels, ["a1", "a2"]);
         assert_eq!(frames, [[1.5, -2e-3], [3.0, 4.0]]);
+        assert_eq!(read("a\r\n1\r\n2\r\n\r\n\r\n", &[]).unwrap().1, [[1.0], [2.0]]);
+        assert_eq!(read("1\n2\n\n\n", &[]).unwrap().1, [[1.0], [2.0]]);
         let (channels, frames) = read("1,2\n3,4\n", &[]).unwrap();
         assert_eq!(channels, ["1", "2"]);
         assert_eq!(frames, [[1.0, 2.0], [3.0, 4.0]]);
@@ -410,6 +420,8 @@ mod tests {
                 "csv line 3, column \"a\": \"2.5\", expected a finite number with a decimal comma",
             ),
             ("a,b\n1,\n", "column \"b\": \"\""),
+            ("a\n1\n\n3\n", "csv line 3: empty, expected a number"),
+            ("a\r\n1\r\n\r\n3\r\n", "csv line 3: empty, expected a number"),
             ("a,b\n1,2,3\n", "csv line 2: 3 fields, expected 2"),
         ] {
             let error = read(text, &[]).unwrap_err();

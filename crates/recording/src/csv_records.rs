@@ -121,7 +121,7 @@ mod tests {
     fn a_single_column_may_have_decimal_commas() {
         for (text, name, samples) in [
             ("Beschleunigung\n0,25\n-0,5\n1,75\n", "Beschleunigung", [0.25, -0.5, 1.75]),
-            ("a [g]\r\n12,5\r\n3,05\r\n\r\n-7,25\r\n", "a", [12.5, 3.05, -7.25]),
+            ("a [g]\r\n12,5\r\n3,05\r\n-7,25\r\n\r\n", "a", [12.5, 3.05, -7.25]),
             ("0,25\n-0,5\n1,75", "1", [0.25, -0.5, 1.75]),
             ("v (mm/s)\n1,5\n-2,5\n3,0\n", "v", [1.5, -2.5, 3.0]),
             ("Schwingung\n[m/s²]\n1,5\n-2,5\n3,0\n", "Schwingung", [1.5, -2.5, 3.0]),
