@@ -171,7 +171,7 @@ pub enum RecordingError {
         found: String,
     },
     /// Writing an MCAP recording failed.
-    #[error("mcap: cannot write: {0}")]
+    #[error("mcap: cannot write: {}", cause(.0))]
     McapWrite(#[source] McapError),
     /// An invalid value in a CSV file.
     #[error("csv line {line}, column {column:?}: {value:?}, expected {expected}")]
@@ -228,6 +228,11 @@ impl RecordingError {
     pub(crate) fn wav(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
         Self::Wav { field, value: value.to_string(), expected }
     }
+}
+
+/// Returns why an MCAP operation failed, such as a full disk, instead of which one.
+fn cause(error: &McapError) -> String {
+    std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string)
 }
 
 /// Returns at most 60 characters of an untrusted input, to keep errors readable.
