@@ -31,6 +31,10 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,
+    /// Names of the channels to return; empty for all.
+    channels: Vec<String>,
+    /// Those of them that no record has had yet.
+    missing: Vec<String>,
 }
 
 enum Records {
@@ -77,8 +81,25 @@ impl RecordingFile {
         defaults: RecordDefaults,
         cut: Option<Cut>,
     ) -> Result<Self, RecordingError> {
+        Self::open_channels(path, &[], defaults, cut)
+    }
+
+    /// Opens a file as [`open`](Self::open) does, for the records of the channels with these names; all if
+    /// none is named.
+    ///
+    /// # Errors
+    /// Those of `open`; after the last record, a name that no record had.
+    pub fn open_channels(
+        path: impl AsRef<Path>,
+        channels: &[String],
+        defaults: RecordDefaults,
+        cut: Option<Cut>,
+    ) -> Result<Self, RecordingError> {
         let read = Arc::new(AtomicU64::new(0));
         let file = OpenFile::new(path.as_ref())?;
+        // The columns of a CSV file are chosen as it is read, also by names that the records do not have.
+        let channels_of_file = if file.format == Format::Csv { channels } else { &[] };
+        let channels = if file.format == Format::Csv { Vec::new() } else { channels.to_vec() };
         let records = match file.format {
             Format::Mcap if defaults.scale.or(defaults.sensitivity_mv_per_g).is_some() => {
                 let expected = "none: the samples of an MCAP recording are in their unit";
@@ -86,11 +107,11 @@ impl RecordingFile {
             }
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(file.counted(&read), defaults))),
             _ => {
-                let blocks = RecordBlocks::new(file.frames(&[], &read)?, &defaults, cut)?;
+                let blocks = RecordBlocks::new(file.frames(channels_of_file, &read)?, &defaults, cut)?;
                 Records::Cut(Box::new(blocks))
             }
         };
-        Ok(Self { records, read })
+        Ok(Self { records, read, missing: channels.clone(), channels })
     }
 
     /// Returns whether a file's name ends in one of the [`EXTENSIONS`].
@@ -102,6 +123,11 @@ impl RecordingFile {
     /// Returns the number of bytes of the file read so far.
     pub fn bytes_read(&self) -> u64 {
         self.read.load(Ordering::Relaxed)
+    }
+
+    /// Returns whether the file is MCAP, whose records state their own values.
+    pub fn is_mcap(&self) -> bool {
+        matches!(self.records, Records::Mcap(_))
     }
 
     /// Returns the time after the last sample read so far, which may belong to a dropped remainder; `None`
@@ -144,8 +170,11 @@ impl FileFrames {
 }
 
 impl Frames for FileFrames {
+    /// A given rate overrides that of a WAV or FLAC header.
     fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
-        self.frames.info(defaults)
+        let info = self.frames.info(defaults)?;
+        let given = defaults.sample_rate_hz.filter(|_| matches!(self.format, Format::Wav | Format::Flac));
+        Ok(FramesInfo { sample_rate_hz: given.unwrap_or(info.sample_rate_hz), ..info })
     }
 
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
@@ -252,9 +281,27 @@ impl Iterator for RecordingFile {
     type Item = Result<Recorded, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let record = match &mut self.records {
-            Records::Mcap(reader) => return reader.next(),
-            Records::Cut(blocks) => blocks.next()?,
+        loop {
+            let Some(recorded) = self.records.next() else {
+                let expected = "the name of a channel in the recording";
+                return self.missing.pop().map(|name| Err(RecordingError::field("channel", name, expected)));
+            };
+            let Ok(Recorded { record, .. }) = &recorded else { return Some(recorded) };
+            self.missing.retain(|name| name != record.channel());
+            if self.channels.is_empty() || self.channels.iter().any(|name| name == record.channel()) {
+                return Some(recorded);
+            }
+        }
+    }
+}
+
+impl Iterator for Records {
+    type Item = Result<Recorded, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let record = match self {
+            Self::Mcap(reader) => return reader.next(),
+            Self::Cut(blocks) => blocks.next()?,
         };
         Some(record.map(|record| Recorded {
             raw: encode_block(&record, BlockEncoding::Protobuf),

@@ -18,10 +18,9 @@ pub(super) struct Source {
 
 impl Source {
     pub(super) fn open(path: &Path, args: &ConvertArgs, defaults: &RecordDefaults) -> Result<Self, CliError> {
-        let input = CliError::file(path);
+        let input = CliError::recording(path);
         let frames = FileFrames::open(path, &args.channels).map_err(&input)?;
         let mut info = frames.info(defaults).map_err(&input)?;
-        info.sample_rate_hz = args.rate.unwrap_or(info.sample_rate_hz);
         let whole_frame = vec![0.0; info.channels.len()];
         // Only the selected columns of a CSV file are read.
         let names = if frames.format() == Format::Csv { &[] } else { args.channels.as_slice() };
