@@ -58,6 +58,22 @@ impl BaselinePeriod {
     }
 }
 
+/// Number of records in a time range that a baseline can have: that of the channel with the most.
+pub(super) async fn records_between(
+    store: &Store,
+    asset: &AssetId,
+    from: Timestamp,
+    to: Timestamp,
+) -> Result<usize, StoreError> {
+    let mut most = 0;
+    for channel in store.channels(asset).await? {
+        let trend = store.trend(&channel).await?;
+        let is_counted = |n: &usize| trend.wear[*n].status != WearStatus::Excluded;
+        most = most.max(trend.range(Some(from), Some(to)).filter(is_counted).count());
+    }
+    Ok(most)
+}
+
 #[cfg(test)]
 mod tests {
     use WearStatus::{CollectingBaseline, Excluded, NoLibrary, NotComparable};

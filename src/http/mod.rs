@@ -44,4 +44,4 @@ pub use server::connections::TlsFiles;
 pub use server::limits::HttpLimits;
 pub use server::start_error::StartError;
 pub use server::{Node, RunningService, ServiceConfig, start, start_node, start_on};
-pub(crate) use table::{PARQUET, REDUCED};
+pub(crate) use table::{CHANNEL, PARQUET, REDUCED, ROWS};

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use jiff::Timestamp;
 
-use super::server::{self, ServerArgs, asset_id, success};
+use super::server::{self, ServerArgs, asset_id, check_range, success, success_body};
+use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
-use crate::http::{PARQUET, REDUCED};
+use crate::http::{CHANNEL, PARQUET, REDUCED, ROWS};
 
 /// Maximum number of rows, the same as that of the API.
 const MAX_ROWS: usize = 200_000;
@@ -32,10 +33,10 @@ pub(in crate::cli) struct ExportArgs {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     names: Vec<String>,
     /// Only records that start at or after this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     from: Option<Timestamp>,
     /// Only records that start before this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     to: Option<Timestamp>,
     #[command(flatten)]
     server: ServerArgs,
@@ -68,8 +69,10 @@ pub(in crate::cli) fn run(args: &ExportArgs) -> Result<(), CliError> {
             "--names is {names}, expected no names of indicators for wear"
         )));
     }
+    check_range(args.from, args.to)?;
     let agent = args.server.agent(server::TIMEOUT)?;
-    let url = args.server.address(&format!("assets/{}/{}", asset_id(&args.asset)?, args.trend.path()));
+    let asset_url = args.server.address(&format!("assets/{}", asset_id(&args.asset)?));
+    let url = format!("{asset_url}/{}", args.trend.path());
     let mut request = agent.get(&url).header("accept", media_type).query("max_points", MAX_ROWS.to_string());
     for (name, value) in [
         ("names", Some(args.names.join(",")).filter(|names| !names.is_empty())),
@@ -91,7 +94,22 @@ pub(in crate::cli) fn run(args: &ExportArgs) -> Result<(), CliError> {
     let read = response.body_mut().as_reader().read_to_end(&mut table);
     read.map_err(|error| failed(error.to_string()))?;
     output::write_file(&args.output, &table)?;
-    output::print(&format!("{} bytes in {}\n", table.len(), args.output.display()))
+    let header = |name| response.headers().get(name).map(|value| String::from_utf8_lossy(value.as_bytes()));
+    let rows = header(ROWS).and_then(|rows| rows.parse().ok()).unwrap_or_default();
+    let mut text = output::counted(rows, "record");
+    if let Some(channel) = header(CHANNEL) {
+        text += &format!(" of channel {channel:?} in {}", args.output.display());
+        let asset = success_body(&asset_url, args.server.authorized(agent.get(&asset_url)).call())?;
+        let asset: serde_json::Value = serde_json::from_str(&asset).unwrap_or_default();
+        let channels = asset["channels"].as_array().into_iter().flatten().filter_map(|name| name.as_str());
+        let others: Vec<&str> = channels.filter(|name| *name != channel).collect();
+        if args.channel.is_none() && !others.is_empty() {
+            text += &format!(" (other channels: {}; see --channel)", others.join(", "));
+        }
+    } else {
+        text += &format!(" in {}", args.output.display());
+    }
+    output::print(&format!("{text}\n"))
 }
 
 /// Returns the media type of the table, by the extension of OUT.

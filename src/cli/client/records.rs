@@ -3,7 +3,9 @@
 use clap::Args;
 use jiff::Timestamp;
 
-use super::server::{self, ServerArgs, asset_id, success_body};
+use super::server::{self, ServerArgs, asset_id, check_range, success_body};
+use crate::asset::BaselineSpec;
+use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
 
 /// Arguments that select records of an asset: a time range or one segment.
@@ -20,10 +22,10 @@ pub(in crate::cli) struct RecordsArgs {
     #[arg(long)]
     channel: Option<String>,
     /// Only records that start at or after this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     from: Option<Timestamp>,
     /// Only records that start before this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     to: Option<Timestamp>,
     #[command(flatten)]
     server: ServerArgs,
@@ -36,29 +38,52 @@ pub(in crate::cli) struct BaselineArgs {
     #[arg(long, value_name = "ID")]
     asset: String,
     /// Start of the range: records that start at or after this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     from: Timestamp,
     /// End of the range: records that start before this time
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     to: Timestamp,
     /// Name of the person who chose the baseline
-    #[arg(long, value_name = "NAME", default_value = "")]
+    #[arg(long, value_name = "NAME")]
     by: String,
     #[command(flatten)]
     server: ServerArgs,
 }
 
 pub(in crate::cli) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliError> {
+    check_range(Some(args.from), Some(args.to))?;
     let agent = args.server.agent(server::TIMEOUT)?;
-    let url = args.server.address(&format!("assets/{}/maintenance", asset_id(&args.asset)?));
+    let asset = asset_id(&args.asset)?;
+    let records_url = args.server.address(&format!("assets/{asset}/segments"));
+    let request = agent.get(&records_url).query("limit", "1");
+    let request = request.query("from", args.from.to_string()).query("to", args.to.to_string());
+    let found = success_body(&records_url, args.server.authorized(request).call())?;
+    let found: serde_json::Value = serde_json::from_str(&found).unwrap_or_default();
+    if found["items"].as_array().is_some_and(Vec::is_empty) {
+        return Err(CliError::Argument(format!(
+            "asset {asset} has no record from {} to {}, expected a range with records",
+            args.from, args.to
+        )));
+    }
+    let url = args.server.address(&format!("assets/{asset}/maintenance"));
     let event = serde_json::json!({
         "time": args.from, "until": args.to, "kind": "baseline_chosen", "by": args.by,
     });
     let request = args.server.authorized(agent.post(&url)).content_type("application/json");
-    success_body(&url, request.send(event.to_string()))?;
+    let answer = success_body(&url, request.send(event.to_string()))?;
+    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap_or_default();
+    let records = answer["records"].as_u64().unwrap_or_default();
+    let least = u64::from(BaselineSpec::MIN_RECORDS);
+    if records < least {
+        output::note(&format!(
+            "warning: a baseline needs at least {least} records: more are collected after the range"
+        ));
+    }
     output::print(&format!(
-        "the records from {} to {} are now the baseline; the server is recomputing the history\n",
-        args.from, args.to
+        "{} from {} to {} chosen as the baseline; the server is recomputing the history\n",
+        output::counted(records, "record"),
+        args.from,
+        args.to
     ))
 }
 
@@ -74,6 +99,7 @@ pub(in crate::cli) enum Change {
 }
 
 pub(in crate::cli) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
+    check_range(args.from, args.to)?;
     let agent = args.server.agent(server::TIMEOUT)?;
     let url = match (&args.segment, &args.asset) {
         (Some(segment), _) => {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use jiff::Timestamp;
 use ureq::tls::{RootCerts, TlsConfig};
 
 use crate::asset::AssetId;
@@ -95,6 +96,14 @@ pub(super) fn success_body(
     result: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
 ) -> Result<String, CliError> {
     Ok(success(url, result)?.body_mut().read_to_string().unwrap_or_default())
+}
+
+/// Checks the time range of records, which no record is in if it is reversed.
+pub(super) fn check_range(from: Option<Timestamp>, to: Option<Timestamp>) -> Result<(), CliError> {
+    match from.zip(to).filter(|(from, to)| from >= to) {
+        Some((from, to)) => Err(CliError::argument("--to", to, format!("a time after --from, {from}"))),
+        None => Ok(()),
+    }
 }
 
 pub(in crate::cli) fn asset_id(text: &str) -> Result<AssetId, CliError> {

@@ -12,6 +12,7 @@ use crate::asset::AssetId;
 use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::http::alarms::check_signature;
 use crate::http::app::App;
+use crate::http::baseline;
 use crate::http::problem::Problem;
 use crate::http::request::body::JsonBody;
 use crate::http::request::query::{self, AssetPath, Page, PageParameters, Parameters};
@@ -53,13 +54,16 @@ pub(crate) struct EventView {
     asset_id: AssetId,
     #[serde(flatten)]
     event: MaintenanceEvent,
+    /// Number of records in a chosen baseline, of the channel with the most; only when it is added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    records: Option<usize>,
 }
 
 impl EventView {
     /// An event of an asset.
     pub(crate) fn new(asset_id: AssetId, stored: StoredEvent) -> Self {
         let StoredEvent { id, event } = stored;
-        Self { id, asset_id, event }
+        Self { id, asset_id, event, records: None }
     }
 }
 
@@ -87,7 +91,11 @@ pub(crate) async fn add(
     let event = MaintenanceEvent { time, kind, by, comment, inspection, until };
     let stored = app.service.maintenance.add(&asset, event).await?;
     let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
-    let view = EventView::new(asset, stored);
+    let records = match stored.event.until {
+        Some(until) => Some(baseline::records_between(&app.service.store, &asset, time, until).await?),
+        None => None,
+    };
+    let view = EventView { records, ..EventView::new(asset, stored) };
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
 }
 

@@ -130,7 +130,7 @@ pub(super) fn check_names(
 }
 
 fn table_of(view: &TrendView) -> Table {
-    let mut table = Table::new(view.reduced);
+    let mut table = Table::new(view.channel.as_ref(), view.reduced);
     let values = |name: &'static str| view.items.iter().map(move |row| row.get(name));
     let time = |value: Option<&Value>| value.and_then(Value::as_str)?.parse().ok();
     table.times("start_time", values("start_time").map(|value| time(value).unwrap_or_default()));

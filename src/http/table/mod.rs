@@ -16,6 +16,10 @@ pub(crate) const PARQUET: &str = "application/vnd.apache.parquet";
 /// Header of a table without all rows, as the table itself cannot say so.
 pub(crate) const REDUCED: &str = "flankwatch-reduced";
 
+/// Headers of a table: its channel, in UTF-8, and its number of rows.
+pub(crate) const CHANNEL: &str = "flankwatch-channel";
+pub(crate) const ROWS: &str = "flankwatch-rows";
+
 /// The format of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
@@ -53,6 +57,8 @@ impl Format {
 #[derive(Debug)]
 pub(super) struct Table {
     columns: Vec<Column>,
+    /// The channel of the rows.
+    channel: Option<String>,
     /// Whether rows were dropped.
     is_reduced: bool,
 }
@@ -73,8 +79,8 @@ enum Values {
 }
 
 impl Table {
-    pub(super) fn new(is_reduced: bool) -> Self {
-        Self { columns: Vec::new(), is_reduced }
+    pub(super) fn new(channel: Option<&String>, is_reduced: bool) -> Self {
+        Self { columns: Vec::new(), channel: channel.cloned(), is_reduced }
     }
 
     pub(super) fn times(&mut self, name: &str, values: impl Iterator<Item = Timestamp>) {
@@ -138,7 +144,10 @@ pub(super) fn answer<T: Serialize>(
         _ => ("text/csv; charset=utf-8", table.csv().map_err(|error| fault(error.to_string()))?),
     };
     let reduced = table.is_reduced.then_some([(REDUCED, "true")]);
-    Ok((fields, reduced, [(header::CONTENT_TYPE, media_type)], bytes).into_response())
+    let channel = table.channel.as_ref().and_then(|name| HeaderValue::from_bytes(name.as_bytes()).ok());
+    let channel = channel.map(|name| [(CHANNEL, name)]);
+    let own = [(header::CONTENT_TYPE.as_str(), media_type.to_owned()), (ROWS, table.rows().to_string())];
+    Ok((fields, reduced, channel, own, bytes).into_response())
 }
 
 #[cfg(test)]

@@ -195,7 +195,7 @@ pub(super) async fn history(
 }
 
 fn table_of(view: &HistoryView) -> Table {
-    let mut table = Table::new(view.reduced);
+    let mut table = Table::new(view.channel.as_ref(), view.reduced);
     let rows = || view.items.iter();
     table.times("start_time", rows().map(|row| row.start_time));
     table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));
