@@ -100,9 +100,9 @@ fn a_two_hour_recording_is_split_into_records() {
     file.seek(SeekFrom::Start(44 + u64::from(bytes) - 2)).unwrap();
     file.write_all(&16384i16.to_le_bytes()).unwrap();
     drop(file);
-    let records = analyze(&[&name]);
+    let records = analyze(&[&name, "--start-time", "2026-01-01T00:00:00Z"]);
     assert_eq!(records.len(), 720);
-    assert_eq!(records[719]["start_time"], "1970-01-01T01:59:50Z");
+    assert_eq!(records[719]["start_time"], "2026-01-01T01:59:50Z");
     // The only sample that is not zero: half of full scale, the last of 20 000.
     assert!((records[719]["indicators"]["rms"].as_f64().unwrap() - 0.5 / 20_000f64.sqrt()).abs() < 1e-9);
 }
@@ -280,9 +280,50 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
     let truth = fs::read_to_string(format!("{wav}/truth.csv")).unwrap();
     assert!(truth.lines().nth(3).unwrap().ends_with(",245"), "{truth}");
     // A shorter run would leave records of this one beside its own.
-    flankwatch(&["simulate", "--out", &wav, "--records", "2"])
+    flankwatch(&["simulate", "--out", &wav, "--records", "2", "--force"])
         .expect_failure(&["run.wav", "record-00002.wav"]);
     flankwatch(&["simulate", "--out", &a, "--asset", "a b"]).expect_failure(&["a b"]);
+    let before = fs::read(&a).unwrap();
+    for (out, exists) in [(&a, "a.mcap"), (&wav, "record-00000.wav")] {
+        flankwatch(&["simulate", "--out", out, "--records", "3"]).expect_failure(&[exists, "--force"]);
+    }
+    assert_eq!(fs::read(&a).unwrap(), before);
+}
+
+#[test]
+fn a_recording_without_a_time_shows_none_and_channels_are_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = path(&folder, "a.csv");
+    let rows: String = (0..400).map(|n| format!("{n},{},1\n", n % 2)).collect();
+    fs::write(&name, format!("n,x,y\n{rows}")).unwrap();
+    flankwatch(&["analyze", &name, "--rate", "1000"]).expect_failure(&["\"n\"", "not to be selected"]);
+    let words = ["analyze", &name, "--rate", "1000", "--channels", "x"];
+    let output = flankwatch(&words).expect_success();
+    assert!(output.err().contains("a.csv: no time in the recording"), "{}", output.err());
+    let table = output.out();
+    assert!(table.starts_with("channel x (no unit): 1 record, without a time\n"), "{table}");
+    assert!(table.contains("+0:00:00") && !table.contains("1970"), "{table}");
+    let found = analyze(&[&words[1..], &["--record-seconds", "0.2"]].concat());
+    assert_eq!((found.len(), &found[1]["start_time"], &found[1]["channel"]), (2, &Value::Null, &"x".into()));
+    flankwatch(&["analyze", &name]).expect_failure(&["sampling rate is missing", "--rate"]);
+}
+
+#[test]
+fn an_analysis_is_printed_although_its_library_cannot_be_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
+    flankwatch(&["simulate", "--out", &run, "--records", "22", "--seconds", "0.5"]).expect_success();
+    // A file where the folder should be.
+    fs::write(&data, "").unwrap();
+    let words = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--format", "csv"];
+    let output = flankwatch(&words);
+    assert!(output.out().lines().count() == 23 && output.out().contains("no_library"), "{}", output.out());
+    output.expect_failure(&["error: ", "data"]);
+    flankwatch(&["analyze", &run, "--report", &path(&folder, "none/r.html")]).expect_failure(&[
+        "r.html",
+        "there is no folder",
+        "none",
+    ]);
 }
 
 #[test]

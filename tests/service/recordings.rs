@@ -355,7 +355,7 @@ fn a_replayed_wav_has_the_units_of_the_asset_and_its_own_times() {
     let words =
         ["replay", path.to_str().unwrap(), "--asset", "pump", "--record-seconds", "0.5", "--url", &url];
     for _ in 0..2 {
-        flankwatch(&words).expect_success();
+        flankwatch(&[&words[..], &["--start-time", "1970-01-01T00:00:00Z"]].concat()).expect_success();
     }
     let stored = service.get("/v1/assets/pump/segments").expect(200).json();
     let mut found: Vec<_> = stored["items"].as_array().unwrap().iter().collect();

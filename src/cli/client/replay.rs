@@ -26,6 +26,9 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 /// Maximum wait between two attempts where the server sends no `Retry-After`.
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
+/// A wait from which on its reason is printed.
+const NOTED_WAIT: Duration = Duration::from_secs(2);
+
 /// Maximum wait by `Retry-After`.
 const MAX_RETRY_AFTER: Duration = Duration::from_secs(600);
 
@@ -46,7 +49,10 @@ pub(in crate::cli) struct ReplayArgs {
     /// Replay speed: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
+    /// Channels to send, by header name or number from 1 [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "A,B")]
+    channels: Vec<String>,
+    /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     #[command(flatten)]
@@ -55,9 +61,6 @@ pub(in crate::cli) struct ReplayArgs {
     /// is dropped
     #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
-    /// Time of the first sample, for recordings without one; later recordings follow on
-    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
-    start_time: Timestamp,
 }
 
 /// Runs the command. The server ignores records that it has already, so an interrupted replay is resumed by
@@ -74,13 +77,13 @@ pub(in crate::cli) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     };
     let files = recording_files(&args.files)?;
     let mut progress = ReadingProgress::new(&files);
-    let mut next_start = args.start_time;
-    for path in &files {
-        progress.begin(path);
-        sender.send_file(path, args, &mut next_start, &progress)?;
-    }
+    let result = sender.send_files(&files, args, &mut progress);
     drop(progress);
-    output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))
+    output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))?;
+    match result? {
+        0 => Ok(()),
+        failed => Err(CliError::SomeFailed { failed, all: files.len() }),
+    }
 }
 
 struct Sender<'a> {
@@ -93,6 +96,29 @@ struct Sender<'a> {
 }
 
 impl Sender<'_> {
+    /// Sends all files; returns how many could not be read. Only an error of the server ends it.
+    fn send_files(
+        &mut self,
+        files: &[PathBuf],
+        args: &ReplayArgs,
+        progress: &mut ReadingProgress,
+    ) -> Result<usize, CliError> {
+        let mut next_start = args.values.start_time();
+        let mut failed = 0;
+        for path in files {
+            progress.begin(path);
+            match self.send_file(path, args, &mut next_start, progress) {
+                Ok(()) => {}
+                Err(error @ CliError::Server { .. }) => return Err(error),
+                Err(error) => {
+                    progress.print(&format!("error: {error}"));
+                    failed += 1;
+                }
+            }
+        }
+        Ok(failed)
+    }
+
     fn send_file(
         &mut self,
         path: &Path,
@@ -109,10 +135,18 @@ impl Sender<'_> {
             ..RecordDefaults::default()
         };
         args.values.apply(path, &mut defaults)?;
-        let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds))
-            .map_err(CliError::file(path))?;
+        let cut = args.record_seconds.map(Cut::Seconds);
+        let mut file = RecordingFile::open_channels(path, &args.channels, defaults, cut)
+            .map_err(CliError::recording(path))?;
+        if let Some(note) = args.values.unused(path, args.rate).filter(|_| file.is_mcap()) {
+            progress.print(&note);
+        }
         while let Some(recorded) = file.next() {
-            let recorded = recorded.map_err(CliError::file(path))?;
+            let recorded = recorded.map_err(CliError::recording(path))?;
+            if !args.values.is_dated(recorded.record.start_time()) {
+                let detail = "no time in the recording, expected --start-time or --time-from-name";
+                return Err(CliError::file(path)(detail));
+            }
             *next_start = (*next_start).max(recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded, progress)?;
@@ -167,15 +201,16 @@ impl Sender<'_> {
             };
             if attempts == MAX_ATTEMPTS {
                 return Err(failed(format!(
-                    "{reason} (gave up after {MAX_ATTEMPTS} attempts with {} records sent; run again to resume)",
-                    self.sent
+                    "{reason} (gave up after {MAX_ATTEMPTS} attempts; run again to resume)"
                 )));
             }
+            let pause = retry_after.map_or(wait, |after| after.min(MAX_RETRY_AFTER));
             // A server that is busy for a moment is not worth a line.
-            if attempts == 2 {
-                progress.print(&format!("note: {}: {reason}; still trying", self.url));
+            if pause >= NOTED_WAIT {
+                let seconds = pause.as_secs();
+                progress.print(&format!("note: {}: {reason}; next attempt in {seconds} s", self.url));
             }
-            thread::sleep(retry_after.map_or(wait, |after| after.min(MAX_RETRY_AFTER)));
+            thread::sleep(pause);
             wait = (wait * 2).min(MAX_WAIT);
         }
     }

@@ -2,7 +2,7 @@
 
 mod source;
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::{PartialFile, note};
+use crate::cli::output::{PartialFile, check_new, counted, note};
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
@@ -39,17 +39,12 @@ pub(in crate::cli) struct ConvertArgs {
     /// Unit of the samples, such as m/s2 or g; required for MCAP where the recording does not state it
     #[arg(long)]
     pub unit: Option<String>,
-    /// Asset that the recording belongs to: the first part of its MCAP topics
-    #[arg(long, value_name = "ID", default_value = "gearbox")]
-    pub asset: String,
+    /// Asset that the recording belongs to: the first part of its MCAP topics [default: gearbox]
+    #[arg(long, value_name = "ID")]
+    pub asset: Option<String>,
     /// Channels to convert, in this order, by header name or number from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     pub channels: Vec<String>,
-    /// Time of the first sample (RFC 3339) of recordings without one; several follow one another
-    ///
-    /// A time of day in a recording counts from this time on.
-    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
-    pub start_time: Timestamp,
     /// Rotational frequency of the driving shaft in Hz
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     pub shaft_speed_hz: Option<f64>,
@@ -71,13 +66,32 @@ pub(in crate::cli) struct ConvertArgs {
 /// Converts recordings, in bounded memory. The output appears under its name only when it is complete.
 pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
     let target = Target::of(&args.output)?;
-    if args.output.exists() && !args.force {
-        let detail = format!("{:?} exists, expected a new file (or --force to replace it)", args.output);
-        return Err(CliError::Argument(detail));
+    check_new(&args.output, args.force)?;
+    let asset = args.asset.as_deref().unwrap_or("gearbox");
+    let asset = AssetId::new(asset).map_err(|error| CliError::Argument(format!("--asset: {error}")))?;
+    if args.unit.as_deref() == Some("") {
+        return Err(CliError::argument("--unit", "empty", "the samples' unit, such as m/s2 (1 for none)"));
     }
-    let asset =
-        AssetId::new(args.asset.as_str()).map_err(|error| CliError::Argument(format!("--asset: {error}")))?;
     let inputs = recording_files(&args.inputs)?;
+    let output = fs::canonicalize(&args.output).ok();
+    if output
+        .is_some_and(|output| inputs.iter().any(|path| fs::canonicalize(path).ok() == Some(output.clone())))
+    {
+        return Err(CliError::argument("OUT", args.output.display(), "another file than the recordings"));
+    }
+    if target == Target::Wav {
+        for (option, is_given) in [
+            ("--asset", args.asset.is_some()),
+            ("--shaft-speed-hz", args.shaft_speed_hz.is_some()),
+            ("--torque-nm", args.torque_nm.is_some()),
+            ("--record-seconds", args.record_seconds.is_some()),
+        ] {
+            if is_given {
+                let output = args.output.display();
+                return Err(CliError::Argument(format!("{option} is given for {output}, expected an .mcap")));
+            }
+        }
+    }
     let partial = PartialFile::create(&args.output)?;
     let mut progress = ReadingProgress::new(&inputs);
     let written = match target {
@@ -136,10 +150,10 @@ fn write_mcap(
 ) -> Result<String, CliError> {
     let output = CliError::file(&args.output);
     let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(&output)?;
-    let mut next_start = args.start_time;
+    let mut next_start = args.values.start_time();
     let (mut records, mut channels, mut cut_seconds) = (0_u64, Vec::<String>::new(), None);
     for path in inputs {
-        let input = CliError::file(path);
+        let input = CliError::recording(path);
         progress.begin(path);
         let defaults = defaults_of(args, path, next_start)?;
         let source = Source::open(path, args, &defaults)?;
@@ -170,7 +184,7 @@ fn write_mcap(
     inner.flush().map_err(|error| output(error.into()))?;
     let note = cut_seconds
         .map_or(String::new(), |seconds| format!(" of {seconds} s (change with --record-seconds)"));
-    Ok(format!("{records} records{note}, channels {}", channels.join(", ")))
+    Ok(format!("{}{note}, {}", counted(records, "record"), channels_text(&channels)))
 }
 
 /// Writes the selected channels of one recording, interleaved; returns a summary.
@@ -185,9 +199,9 @@ fn write_wav(
         return Err(CliError::argument("OUT", args.output.display(), expected));
     };
     let output = CliError::file(&args.output);
-    let input = CliError::file(path);
+    let input = CliError::recording(path);
     progress.begin(path);
-    let defaults = defaults_of(args, path, args.start_time)?;
+    let defaults = defaults_of(args, path, args.values.start_time())?;
     let mut source = Source::open(path, args, &defaults)?;
     let channels = source.channels().to_vec();
     let mut writer =
@@ -216,7 +230,11 @@ fn write_wav(
         return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
     }
     writer.finish().map_err(&output)?;
-    Ok(format!("{frames} samples, channels {}", channels.join(", ")))
+    Ok(format!("{}, {}", counted(frames, "sample"), channels_text(&channels)))
+}
+
+fn channels_text(channels: &[String]) -> String {
+    format!("channel{} {}", if channels.len() == 1 { "" } else { "s" }, channels.join(", "))
 }
 
 #[cfg(test)]

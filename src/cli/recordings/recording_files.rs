@@ -1,5 +1,6 @@
 //! Recordings given on the command line: files, folders of files, and patterns such as `day-*.wav`.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,7 @@ use crate::cli::simulation::simulate::TRUTH_FILE_NAME;
 use crate::recording::{EXTENSIONS, RecordingFile};
 
 /// Expands folders to the recordings in them and in their subfolders, and patterns that the shell did not
-/// expand to the files that match; both in order of their paths.
+/// expand to the files that match; both in order of their paths. A file that is given repeatedly counts once.
 pub(in crate::cli) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut files = Vec::new();
     for path in paths {
@@ -31,6 +32,8 @@ pub(in crate::cli) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>,
         found.sort();
         files.extend(found);
     }
+    let mut known = HashSet::new();
+    files.retain(|path| known.insert(fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
     Ok(files)
 }
 
@@ -91,6 +94,10 @@ mod tests {
         assert_eq!(
             found,
             [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav"), path("second/a.npy")]
+        );
+        assert_eq!(
+            recording_files(&[path("a.csv.gz"), path("second/../a.csv.gz")]).unwrap(),
+            [path("a.csv.gz")]
         );
         assert_eq!(recording_files(&[path("[ab].[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
         for (pattern, expected) in [("*.flac", "no file matches"), ("[", "pattern")] {

@@ -8,6 +8,7 @@ use jiff::fmt::strtime::BrokenDownTime;
 use jiff::tz::TimeZone;
 
 use crate::cli::CliError;
+use crate::cli::time::parse_time;
 use crate::recording::RecordDefaults;
 
 /// Options of the commands that read recordings.
@@ -25,9 +26,39 @@ pub(in crate::cli) struct RecordingValues {
     /// The time may stand anywhere in the name. It is UTC unless the pattern has %z.
     #[arg(long, value_name = "PATTERN")]
     time_from_name: Option<String>,
+    /// Time of the first sample (RFC 3339), for recordings without one; later recordings follow on
+    ///
+    /// A time of day in a recording counts from this time on.
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
+    start_time: Option<Timestamp>,
 }
 
+/// End of 1970, the year in which recordings without a time begin: a real one is later.
+const END_OF_1970: Timestamp = Timestamp::constant(365 * 24 * 3600, 0);
+
 impl RecordingValues {
+    /// Returns the time at which recordings without one begin: that of the option, else 1970.
+    pub(in crate::cli) fn start_time(&self) -> Timestamp {
+        self.start_time.unwrap_or_default()
+    }
+
+    /// Returns whether a record's time is known.
+    pub(in crate::cli) fn is_dated(&self, start_time: Timestamp) -> bool {
+        self.start_time.is_some() || start_time >= END_OF_1970
+    }
+
+    /// Returns a note on options without effect on MCAP, whose records state these values.
+    pub(in crate::cli) fn unused(&self, path: &Path, rate: Option<f64>) -> Option<String> {
+        let options = [
+            ("--rate", rate.is_some()),
+            ("--scale", self.scale.is_some()),
+            ("--sensitivity-mv-per-g", self.sensitivity_mv_per_g.is_some()),
+        ];
+        let given: Vec<&str> = options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
+        let (path, names) = (path.display(), given.join(", "));
+        (!given.is_empty()).then(|| format!("note: {path}: no effect of {names}: MCAP states these values"))
+    }
+
     /// Overrides the defaults with the options; `path` is the file whose name may have the time.
     pub(in crate::cli) fn apply(&self, path: &Path, defaults: &mut RecordDefaults) -> Result<(), CliError> {
         let scale = self.scale.unwrap_or(1.0);

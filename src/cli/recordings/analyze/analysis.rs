@@ -25,6 +25,10 @@ use crate::signal::{
     EnvelopeSearch, MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
 };
 
+/// The note on a recording whose records have no time.
+const UNDATED: &str =
+    "no time in the recording: its times count from 0; see --start-time and --time-from-name";
+
 /// The analysed records of all files given on the command line.
 pub(super) struct Analysis<'a> {
     args: &'a AnalyzeArgs,
@@ -82,15 +86,24 @@ impl<'a> Analysis<'a> {
         };
         self.args.values.apply(path, &mut defaults)?;
         let cut = self.args.record_seconds.map(Cut::Seconds);
-        let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::file(path))?;
+        let mut file = RecordingFile::open_channels(path, &self.args.channels, defaults, cut)
+            .map_err(CliError::recording(path))?;
         if let Some(seconds) = file.default_cut_seconds() {
             progress.print(&format!(
                 "note: {}: long recording split into records of {seconds} s; set another length with --record-seconds",
                 path.display()
             ));
         }
+        if let Some(note) = self.args.values.unused(path, self.args.rate).filter(|_| file.is_mcap()) {
+            progress.print(&note);
+        }
+        let mut undated = None;
         while let Some(recorded) = file.next() {
-            let recorded = recorded.map_err(CliError::file(path))?;
+            let recorded = recorded.map_err(CliError::recording(path))?;
+            if !self.args.values.is_dated(recorded.record.start_time()) {
+                undated
+                    .get_or_insert_with(|| progress.print(&format!("note: {}: {UNDATED}", path.display())));
+            }
             *next_start = (*next_start).max(recorded.record.end_time());
             self.analyze_record(path, recorded);
             progress.set_read(file.bytes_read());
@@ -121,7 +134,8 @@ impl<'a> Analysis<'a> {
         self.records.push(AnalyzedRecord {
             file: path.display().to_string(),
             channel: record.channel().to_owned(),
-            start_time: record.start_time(),
+            start_time: Some(record.start_time()).filter(|time| self.args.values.is_dated(*time)),
+            time: record.start_time(),
             sample_rate_hz: record.sample_rate_hz(),
             samples: record.samples().len(),
             unit: record.unit().to_owned(),
@@ -168,7 +182,7 @@ impl<'a> Analysis<'a> {
 
     /// Estimates wear from each channel's records in time order, as the service does. While the ensemble is
     /// not complete, prints a provisional estimate from its first members and simulates the rest; Ctrl-C
-    /// keeps the provisional estimate.
+    /// keeps the provisional estimate. After an error the records say why they have no estimate.
     pub(super) fn estimate_wear(&mut self) -> Result<(), CliError> {
         let Some(asset) = &self.asset else { return Ok(()) };
         let settings = EstimatorSettings {
@@ -189,13 +203,20 @@ impl<'a> Analysis<'a> {
             return Ok(());
         };
         let ensembles = Ensembles::new(&self.args.data_dir, self.args.members);
-        let first = Arc::new(ensembles.first(pair)?);
+        let interrupted = interrupted();
+        let first = match ensembles.first(pair, Some(&interrupted)) {
+            Ok(first) => Arc::new(first),
+            Err(error) => {
+                let missing = MissingLibrary::Failed(error.to_string());
+                self.fold(&ChannelEstimator::without_library(settings, missing, rules));
+                return Err(error.into());
+            }
+        };
         if ensembles.is_complete(&first) {
             self.fold(&ChannelEstimator::new(settings, Some(first), rules));
             return Ok(());
         }
         self.fold(&ChannelEstimator::provisional(settings, Arc::clone(&first), rules.clone()));
-        let interrupted = interrupted();
         let (have, all) = (first.members().len(), ensembles.members());
         for (channel, records) in by_channel(&self.records) {
             let verdict = verdict(&records);
@@ -215,13 +236,13 @@ impl<'a> Analysis<'a> {
 
     fn fold(&mut self, estimator: &ChannelEstimator) {
         let mut order: Vec<usize> = (0..self.records.len()).collect();
-        order.sort_by_key(|&i| self.records[i].start_time);
+        order.sort_by_key(|&i| self.records[i].time);
         let mut channels: BTreeMap<String, (ChannelState, Vec<PanelChange>)> = BTreeMap::new();
         for index in order {
             let record = &mut self.records[index];
             let channel = channels.entry(record.channel.clone());
             let (state, changes) = channel.or_insert_with(|| (estimator.start(), Vec::new()));
-            let result = estimator.record(state, record.start_time, &record.features, &record.indicators);
+            let result = estimator.record(state, record.time, &record.features, &record.indicators);
             record.indicators.extend(result.indicators);
             changes.extend(result.changes);
             record.wear_reason = result.wear.reason.clone();

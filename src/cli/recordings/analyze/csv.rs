@@ -44,7 +44,7 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
         let mut row = vec![
             record.file.clone(),
             record.channel.clone(),
-            record.start_time.to_string(),
+            record.start_time.map_or_else(String::new, |time| time.to_string()),
             record.sample_rate_hz.to_string(),
             record.samples.to_string(),
             record.unit.clone(),

@@ -11,7 +11,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use jiff::Timestamp;
 
 use self::analysis::Analysis;
 use self::envelope::EnvelopeArg;
@@ -32,7 +31,10 @@ pub(in crate::cli) struct AnalyzeArgs {
     /// and patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
+    /// Channels to analyse, by header name or number from 1 [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "A,B")]
+    channels: Vec<String>,
+    /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     #[command(flatten)]
@@ -54,9 +56,6 @@ pub(in crate::cli) struct AnalyzeArgs {
     /// is dropped
     #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
-    /// Time of the first sample, for recordings without one; later recordings follow on
-    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
-    start_time: Timestamp,
     /// Rotational frequency of the driving shaft in Hz, for recordings without one
     #[arg(long, value_name = "HZ")]
     shaft_speed_hz: Option<f64>,
@@ -92,8 +91,9 @@ enum Format {
 pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     let asset = args.asset.as_deref().map(read_asset).transpose()?;
     let columns = Column::parse(&args.columns, asset.as_ref())?;
+    check_options(args)?;
     let mut analysis = Analysis::new(args, asset);
-    let mut next_start = args.start_time;
+    let mut next_start = args.values.start_time();
     let mut failed = 0;
     let files = recording_files(&args.files)?;
     let mut progress = ReadingProgress::new(&files);
@@ -105,7 +105,8 @@ pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
         }
     }
     drop(progress);
-    analysis.estimate_wear()?;
+    // What is computed already is printed all the same.
+    let estimated = analysis.estimate_wear();
     output::print(&match args.format {
         Format::Table => table::table(&analysis.records, &columns),
         Format::Json => {
@@ -117,10 +118,24 @@ pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     if let Some(path) = &args.report {
         output::write_file(path, analysis.report().html().as_bytes())?;
     }
+    estimated?;
     if failed > 0 {
         return Err(CliError::SomeFailed { failed, all: files.len() });
     }
     Ok(())
+}
+
+/// Rejects options that have no effect, and a report that cannot be written.
+fn check_options(args: &AnalyzeArgs) -> Result<(), CliError> {
+    if !args.columns.is_empty() && args.format != Format::Table {
+        let detail = "--columns is given with another format, expected --format table";
+        return Err(CliError::Argument(detail.to_owned()));
+    }
+    if args.envelope.is_some() && args.format != Format::Json {
+        let detail = "--envelope is given with another format, expected --format json";
+        return Err(CliError::Argument(detail.to_owned()));
+    }
+    args.report.as_deref().map_or(Ok(()), output::check_folder)
 }
 
 fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {

@@ -16,7 +16,11 @@ use crate::signal::{Basis, Features, Indicators, ShaftSpeed, SpeedDoubt, SpeedSo
 pub(super) struct AnalyzedRecord {
     pub(super) file: String,
     pub(super) channel: String,
-    pub(super) start_time: Timestamp,
+    /// None if the recording has no time.
+    pub(super) start_time: Option<Timestamp>,
+    /// The start time, or one that counts from 1970.
+    #[serde(skip)]
+    pub(super) time: Timestamp,
     pub(super) sample_rate_hz: f64,
     pub(super) samples: usize,
     pub(super) unit: String,
@@ -52,6 +56,17 @@ pub(super) struct AnalyzedRecord {
 }
 
 impl AnalyzedRecord {
+    /// Formats the start time, or the time since the first recording began.
+    pub(super) fn time_text(&self) -> String {
+        match self.start_time {
+            Some(time) => time.strftime("%m-%d %H:%M:%S").to_string(),
+            None => {
+                let seconds = self.time.as_second();
+                format!("+{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+            }
+        }
+    }
+
     /// Returns the name of the status; `None` without an asset description.
     pub(super) fn status(&self) -> Option<String> {
         self.wear.as_ref().map(|wear| json_name(&wear.status))
@@ -71,7 +86,7 @@ pub(super) fn by_channel(records: &[AnalyzedRecord]) -> BTreeMap<&str, Vec<&Anal
     for record in records {
         channels.entry(&record.channel).or_default().push(record);
     }
-    channels.values_mut().for_each(|records| records.sort_by_key(|record| record.start_time));
+    channels.values_mut().for_each(|records| records.sort_by_key(|record| record.time));
     channels
 }
 
@@ -80,7 +95,7 @@ impl From<&AnalyzedRecord> for ReportedRecord {
         Self {
             name: record.file.clone(),
             channel: record.channel.clone(),
-            start_time: record.start_time,
+            start_time: record.time,
             unit: record.unit.clone(),
             shaft_speed_hz: record.shaft_speed_hz,
             indicators: record.indicators.clone(),

@@ -4,6 +4,7 @@ use super::record::{AnalyzedRecord, by_channel};
 use super::verdict::verdict;
 use crate::asset::AssetSpec;
 use crate::cli::CliError;
+use crate::cli::output::{counted, printable};
 use crate::estimate::WearStatus;
 use crate::report::angle_words;
 use crate::signal::{IndicatorScope, Indicators};
@@ -57,7 +58,7 @@ impl Column {
     fn value(&self, record: &AnalyzedRecord) -> String {
         match self {
             Self::Channel => record.channel.clone(),
-            Self::File => record.file.clone(),
+            Self::File => printable(&record.file),
             Self::Angle => record.basis.shaft_angle.as_ref().map_or_else(none, angle_words),
             Self::Indicator(name) => number(record.indicators.get(name)),
         }
@@ -84,15 +85,14 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
         })
         .collect();
     let mut text = format!(
-        "channel {channel} ({}): {} {}, {} to {}\n",
+        "channel {channel} ({}): {}, {}\n",
         unit_words(&first.unit),
-        records.len(),
-        if records.len() == 1 { "record" } else { "records" },
-        first.start_time.strftime("%Y-%m-%d %H:%M"),
-        last.start_time.strftime("%Y-%m-%d %H:%M UTC"),
+        counted(records.len() as u64, "record"),
+        times(first, last),
     );
     let digits = records.len().to_string().len();
-    text += &format!("{:>digits$} {:<14} {:>6}", "#", "start (UTC)", "Hz");
+    let start = if first.start_time.is_some() { "start (UTC)" } else { "start" };
+    text += &format!("{:>digits$} {start:<14} {:>6}", "#", "Hz");
     for (_, heading) in INDICATORS {
         text += &format!(" {heading:>7}");
     }
@@ -104,7 +104,7 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
         let is_doubted = record.shaft_speed.is_some_and(|speed| speed.doubt.is_some());
         let doubt = if is_doubted { "?" } else { "" };
         let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
-        text += &format!("{:>digits$} {} {speed:>6}", n + 1, record.start_time.strftime("%m-%d %H:%M:%S"));
+        text += &format!("{:>digits$} {:<14} {speed:>6}", n + 1, record.time_text());
         for (name, heading) in INDICATORS {
             text +=
                 &format!(" {:>width$}", number(record.indicators.get(name)), width = heading.len().max(7));
@@ -120,6 +120,16 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
     }
     text += &format!("{}\n", verdict(records));
     text + &question(records).map_or_else(String::new, |question| format!("{question}\n"))
+}
+
+/// Describes the time range of records.
+fn times(first: &AnalyzedRecord, last: &AnalyzedRecord) -> String {
+    match first.start_time.zip(last.start_time) {
+        Some((first, last)) => {
+            format!("{} to {}", first.strftime("%Y-%m-%d %H:%M"), last.strftime("%Y-%m-%d %H:%M UTC"))
+        }
+        None => "without a time".to_owned(),
+    }
 }
 
 /// Asks about teeth and speed where the lines of records contradict them and the verdict does not say so.

@@ -12,7 +12,7 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
     };
     let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
     match estimates {
-        Some(estimates) => of_estimates(&estimates, last.start_time, Machine::of(last)),
+        Some(estimates) => of_estimates(&estimates, last.time, Machine::of(last)),
         None => format!("no wear estimate: {}", last.wear_reason),
     }
 }
