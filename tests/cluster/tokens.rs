@@ -52,7 +52,7 @@ fn a_token_created_or_revoked_on_one_node_applies_on_all() {
         wait_for_status(&node.client, Some(&second), 200);
     }
     let listed = token(&["list"], &config);
-    assert!(listed.contains("press line") && listed.lines().count() == 2, "{listed}");
+    assert!(listed.contains("press line") && listed.lines().count() == 3, "{listed}");
     assert!(!listed.contains(first.rsplit('_').next().unwrap()), "{listed}");
     let id = first.split('_').nth(1).unwrap();
     token(&["revoke", id], &config);

@@ -35,7 +35,7 @@ enum Action {
 }
 
 pub(in crate::cli) fn run(args: &QuarantineArgs) -> Result<(), CliError> {
-    let (_, settings) = args.place.resolve()?;
+    let (_, settings) = args.place.resolve_existing()?;
     let runtime = runtime()?;
     let objects = {
         let _entered = runtime.enter();

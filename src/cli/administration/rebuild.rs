@@ -28,7 +28,7 @@ pub(in crate::cli) struct RebuildArgs {
 }
 
 pub(in crate::cli) fn run(args: &RebuildArgs) -> Result<(), CliError> {
-    let (resolved, settings) = args.place.resolve()?;
+    let (resolved, settings) = args.place.resolve_existing()?;
     let config = resolved.service;
     if args.anew {
         match &settings {

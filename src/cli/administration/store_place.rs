@@ -1,6 +1,6 @@
 //! Options that select the store a command works on.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -37,6 +37,15 @@ impl StorePlace {
         Ok((resolved, settings))
     }
 
+    /// Returns the same for a data folder that exists: a command does not create a store for a wrong name.
+    pub(super) fn resolve_existing(&self) -> Result<(Resolved, StoreSettings), CliError> {
+        let (resolved, settings) = self.resolve()?;
+        match &settings {
+            StoreSettings::Folder(folder) if !folder.is_dir() => Err(no_data_folder(folder)),
+            _ => Ok((resolved, settings)),
+        }
+    }
+
     /// Returns the data folder.
     ///
     /// # Errors
@@ -51,6 +60,11 @@ impl StorePlace {
             ))),
         }
     }
+}
+
+/// The error for a data folder that does not exist.
+pub(in crate::cli) fn no_data_folder(folder: &Path) -> CliError {
+    CliError::argument("--data-dir", folder.display(), "an existing data folder")
 }
 
 /// Creates a runtime for a command that works on a store.

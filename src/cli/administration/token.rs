@@ -40,7 +40,7 @@ enum Action {
 }
 
 pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
-    let (_, settings) = args.place.resolve()?;
+    let (_, settings) = args.place.resolve_existing()?;
     runtime()?.block_on(async {
         let tokens = match &settings {
             StoreSettings::Folder(folder) => Tokens::of(folder),
@@ -49,6 +49,13 @@ pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
         };
         match &args.action {
             Action::Create { name, scope } => {
+                if name.trim().is_empty() {
+                    return Err(CliError::argument(
+                        "NAME",
+                        "empty",
+                        "a name that says what the token is for",
+                    ));
+                }
                 let token = tokens.create(name, *scope, Timestamp::now()).await?;
                 print(&format!("{token}\n"))
             }
@@ -59,8 +66,12 @@ pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
 }
 
 fn table(tokens: &[Token]) -> String {
-    let line = |token: &Token| {
-        format!("{}  {:5}  {:.0}  {}\n", token.id, json_name(&token.scope), token.created_at, token.name)
+    let line = |id: &str, scope: &str, created: String, name: &str| {
+        format!("{id:<8}  {scope:5}  {created:<20}  {name}\n")
     };
-    tokens.iter().map(line).collect()
+    let mut text = line("id", "scope", "created".to_owned(), "name");
+    for token in tokens {
+        text += &line(&token.id, &json_name(&token.scope), format!("{:.0}", token.created_at), &token.name);
+    }
+    text
 }
