@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use indicatif::ProgressBar;
 
 use super::library::progress_bar;
-use crate::cli::CliError;
+use crate::cli::{CliError, output};
 use crate::gear::PairSpec;
 use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryCache, LibraryError, VARIANTS, ensemble_id,
@@ -31,11 +31,18 @@ impl Ensembles {
     }
 
     /// Returns the complete ensemble around a pair if it is cached, otherwise its first members.
-    pub(in crate::cli) fn first(&self, pair: &PairSpec) -> Result<Ensemble, CliError> {
+    ///
+    /// # Errors
+    /// As those of [`complete`](Self::complete).
+    pub(in crate::cli) fn first(
+        &self,
+        pair: &PairSpec,
+        interrupted: Option<&AtomicBool>,
+    ) -> Result<Ensemble, LibraryError> {
         let grid = GridSettings::default().for_pair(pair);
         let bar = progress_bar(grid.states as u64, "wear states");
         let progress = |done: usize, _| bar.set_position(done as u64);
-        let library = self.cache.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
+        let library = self.cache.get_or_build(pair, &grid, &control(&progress, interrupted))?;
         bar.finish_and_clear();
         if let Some(complete) = self.cache.get_ensemble(&library, &self.settings)? {
             return Ok(complete);
@@ -43,10 +50,10 @@ impl Ensembles {
         let settings = self.settings.first();
         let bar = progress_bar(0, "first ensemble members");
         let progress = |done, all| follow(&bar, done, all);
-        let first = Ensemble::build(library, &settings, &BuildControl::with_progress(&progress))?;
+        let first = Ensemble::build(library, &settings, &control(&progress, interrupted))?;
         bar.finish_and_clear();
         if self.is_complete(&first) && settings.members > 0 {
-            self.cache.put_ensemble(&first)?;
+            self.keep(&first);
         }
         Ok(first)
     }
@@ -67,25 +74,38 @@ impl Ensembles {
     ) -> Result<Ensemble, LibraryError> {
         let bar = progress_bar(0, "more ensemble members");
         let progress = |done, all| follow(&bar, done, all);
-        let control = BuildControl::with_progress(&progress);
-        let control = match interrupted {
-            Some(interrupted) => control.cancelled_by(interrupted),
-            None => control,
-        };
-        let complete = first.extended(&self.settings, &control)?;
+        let complete = first.extended(&self.settings, &control(&progress, interrupted))?;
         bar.finish_and_clear();
-        self.cache.put_ensemble(&complete)?;
+        self.keep(&complete);
         Ok(complete)
+    }
+
+    /// Adds an ensemble to the cache; one that cannot be kept is as good for this run.
+    fn keep(&self, ensemble: &Ensemble) {
+        if let Err(error) = self.cache.put_ensemble(ensemble) {
+            output::note(&format!("warning: the next run simulates the ensemble again: {error}"));
+        }
     }
 
     /// Returns the complete ensemble around a pair, simulated where it is not cached.
     pub(in crate::cli) fn of(&self, pair: &PairSpec) -> Result<Arc<Ensemble>, CliError> {
-        let first = self.first(pair)?;
+        let first = self.first(pair, None)?;
         if self.is_complete(&first) {
             Ok(Arc::new(first))
         } else {
             Ok(Arc::new(self.complete(&first, None)?))
         }
+    }
+}
+
+fn control<'a>(
+    progress: &'a (dyn Fn(usize, usize) + Sync),
+    interrupted: Option<&'a AtomicBool>,
+) -> BuildControl<'a> {
+    let control = BuildControl::with_progress(progress);
+    match interrupted {
+        Some(interrupted) => control.cancelled_by(interrupted),
+        None => control,
     }
 }
 

@@ -128,12 +128,12 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             "--limit-um is {limit_um}, expected a depth above 0 and up to 10000 µm"
         )));
     }
+    args.out.as_deref().map_or(Ok(()), output::check_folder)?;
     let pair = pair_file::read(args.pair.as_deref())?;
     let ensembles = Ensembles::new(&args.data_dir, args.members);
     let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um, limit_um: args.limit_um };
     if let Some(count) = args.leave_one_out {
-        let ensemble = ensembles.of(&pair)?;
-        if count == 0 || ensemble.members().len() < 2 * ensemble.variants() {
+        if count == 0 || args.members < 2 * VARIANTS {
             return Err(CliError::Argument(format!(
                 "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
                 args.members,
@@ -146,6 +146,7 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
                 args.wear_records
             )));
         }
+        let ensemble = ensembles.of(&pair)?;
         let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };
         return recorded_runs::run_members(&ensemble, count, plan, options);
     }

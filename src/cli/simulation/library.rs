@@ -6,9 +6,10 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::pair_file;
+use crate::cli::administration::store_place::no_data_folder;
 use crate::cli::interrupt::interrupted;
 use crate::cli::{CliError, output};
-use crate::gear::ContactRule;
+use crate::gear::{ContactRule, PairSpec};
 use crate::library::{
     self, BuildControl, GridSettings, Library, LibraryCache, LibraryError, build_into, decode,
 };
@@ -109,7 +110,11 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
         speed_factors: args.speeds.clone(),
         ..GridSettings::default()
     };
-    grid.validate()?;
+    grid.validate().map_err(|error| match error {
+        LibraryError::Grid { field, value, expected } => CliError::option(field, value, expected),
+        error => error.into(),
+    })?;
+    args.out.as_deref().map_or(Ok(()), output::check_folder)?;
     let bar = progress_bar(grid.simulations() as u64, "simulations");
     let progress = |done: usize, _| bar.set_position(done as u64);
     let interrupted = interrupted();
@@ -154,12 +159,15 @@ fn list(args: &LibraryCacheArgs) -> Result<(), CliError> {
         "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
         "library", "pair", "states", "to_um", "contact", "torques", "speeds"
     );
+    if !args.data_dir.is_dir() {
+        return Err(no_data_folder(&args.data_dir));
+    }
     for manifest in args.cache().list()? {
         let contact = manifest.contact();
         text += &format!(
             "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
             manifest.id,
-            manifest.pair.name,
+            pair_name(&manifest.pair),
             manifest.grid.states,
             manifest.grid.max_wear_um,
             contact.to_string(),
@@ -170,11 +178,16 @@ fn list(args: &LibraryCacheArgs) -> Result<(), CliError> {
     output::print(&text)
 }
 
+/// The pair's name, which a pair need not have.
+fn pair_name(pair: &PairSpec) -> &str {
+    if pair.name.is_empty() { "without a name" } else { &pair.name }
+}
+
 fn show(args: &ShowArgs) -> Result<(), CliError> {
     let path = std::path::Path::new(&args.library);
     if path.is_file() {
         let bytes = std::fs::read(path).map_err(CliError::file(path))?;
-        return output::print(&table(&decode(&bytes)?));
+        return output::print(&table(&decode(&bytes).map_err(CliError::file(path))?));
     }
     match args.cache.cache().get(&args.library)? {
         Some(library) => output::print(&table(&library)),
@@ -191,7 +204,7 @@ fn table(library: &Library) -> String {
     let mut text = format!(
         "library {} of pair {:?}, contact rule {}, model {}\n",
         library.id(),
-        manifest.pair.name,
+        pair_name(&manifest.pair),
         manifest.contact(),
         manifest.model_version
     );
