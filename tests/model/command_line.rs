@@ -303,6 +303,11 @@ fn a_recording_without_a_time_shows_none_and_channels_are_chosen() {
     let table = output.out();
     assert!(table.starts_with("channel x (no unit): 1 record, without a time\n"), "{table}");
     assert!(table.contains("+0:00:00") && !table.contains("1970"), "{table}");
+    let wav = path(&folder, "a.wav");
+    flankwatch(&["convert", &name, &wav, "--rate", "1000", "--channels", "x"]).expect_success();
+    let other = flankwatch(&["analyze", &wav, "--rate", "500", "--format", "csv"]).expect_success();
+    assert!(other.err().contains("a.wav: --rate 500 overrides 1000 Hz"), "{}", other.err());
+    assert!(other.out().contains(",500,400,"), "{}", other.out());
     let found = analyze(&[&words[1..], &["--record-seconds", "0.2"]].concat());
     assert_eq!((found.len(), &found[1]["start_time"], &found[1]["channel"]), (2, &Value::Null, &"x".into()));
     flankwatch(&["analyze", &name]).expect_failure(&["sampling rate is missing", "--rate"]);

@@ -130,6 +130,17 @@ impl RecordingFile {
         matches!(self.records, Records::Mcap(_))
     }
 
+    /// Returns the sampling rate in hertz that a WAV or FLAC header states, which a given one overrides.
+    pub fn header_rate_hz(&self) -> Option<f64> {
+        let Records::Cut(blocks) = &self.records else { return None };
+        let info = match &blocks.frames().frames {
+            AnyFrames::Wav(frames) => frames.info(&RecordDefaults::default()),
+            AnyFrames::Flac(frames) => frames.info(&RecordDefaults::default()),
+            _ => return None,
+        };
+        info.ok().map(|info| info.sample_rate_hz)
+    }
+
     /// Returns the time after the last sample read so far, which may belong to a dropped remainder; `None`
     /// for MCAP.
     pub fn end_time(&self) -> Option<Timestamp> {

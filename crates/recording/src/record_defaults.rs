@@ -33,7 +33,7 @@ pub struct RecordDefaults {
     pub start_time: Timestamp,
     /// What a time of day in the recording, such as that of a CSV file, means for its start.
     pub time_of_day: TimeOfDay,
-    /// Sampling rate in hertz of a recording that may lack it, such as CSV.
+    /// Sampling rate in hertz of a recording that may lack it, such as CSV; of a file, instead of a header's.
     pub sample_rate_hz: Option<f64>,
     /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is
     /// 1 before it is applied.

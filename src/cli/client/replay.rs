@@ -138,7 +138,7 @@ impl Sender<'_> {
         let cut = args.record_seconds.map(Cut::Seconds);
         let mut file = RecordingFile::open_channels(path, &args.channels, defaults, cut)
             .map_err(CliError::recording(path))?;
-        if let Some(note) = args.values.unused(path, args.rate).filter(|_| file.is_mcap()) {
+        if let Some(note) = args.values.note(path, args.rate, &file) {
             progress.print(&note);
         }
         while let Some(recorded) = file.next() {

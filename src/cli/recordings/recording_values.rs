@@ -9,7 +9,7 @@ use jiff::tz::TimeZone;
 
 use crate::cli::CliError;
 use crate::cli::time::parse_time;
-use crate::recording::RecordDefaults;
+use crate::recording::{RecordDefaults, RecordingFile};
 
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
@@ -47,16 +47,26 @@ impl RecordingValues {
         self.start_time.is_some() || start_time >= END_OF_1970
     }
 
-    /// Returns a note on options without effect on MCAP, whose records state these values.
-    pub(in crate::cli) fn unused(&self, path: &Path, rate: Option<f64>) -> Option<String> {
+    /// Returns a note on a rate that overrides the file's own, or on options without effect on MCAP.
+    pub(in crate::cli) fn note(
+        &self,
+        path: &Path,
+        rate_hz: Option<f64>,
+        file: &RecordingFile,
+    ) -> Option<String> {
+        let path = path.display();
+        if let Some((given, own)) = rate_hz.zip(file.header_rate_hz()) {
+            return (given != own).then(|| format!("note: {path}: --rate {given} overrides {own} Hz"));
+        }
         let options = [
-            ("--rate", rate.is_some()),
+            ("--rate", rate_hz.is_some()),
             ("--scale", self.scale.is_some()),
             ("--sensitivity-mv-per-g", self.sensitivity_mv_per_g.is_some()),
         ];
         let given: Vec<&str> = options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
-        let (path, names) = (path.display(), given.join(", "));
-        (!given.is_empty()).then(|| format!("note: {path}: no effect of {names}: MCAP states these values"))
+        let names = given.join(", ");
+        (file.is_mcap() && !given.is_empty())
+            .then(|| format!("note: {path}: no effect of {names}: MCAP states these values"))
     }
 
     /// Overrides the defaults with the options; `path` is the file whose name may have the time.

@@ -94,7 +94,7 @@ impl<'a> Analysis<'a> {
                 path.display()
             ));
         }
-        if let Some(note) = self.args.values.unused(path, self.args.rate).filter(|_| file.is_mcap()) {
+        if let Some(note) = self.args.values.note(path, self.args.rate, &file) {
             progress.print(&note);
         }
         let mut undated = None;
