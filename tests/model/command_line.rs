@@ -130,6 +130,26 @@ fn an_interrupted_analysis_keeps_its_provisional_estimate() {
     assert!(table.trim_end().lines().last().unwrap().starts_with("provisional: worn "), "{table}");
 }
 
+#[cfg(unix)]
+#[test]
+fn an_interrupted_simulation_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = || fs::read_dir(folder.path()).unwrap().count();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+        .args(["simulate", "--records", "10000", "--out", &path(&folder, "run.mcap")])
+        .spawn()
+        .unwrap();
+    let began = std::time::Instant::now();
+    while files() == 0 {
+        assert!(began.elapsed().as_secs() < 100);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    // The file appears just after the handler of Ctrl-C.
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(files(), 0);
+}
+
 /// Writes a file of an asset without a pair, with these teeth and this speed.
 fn plain_asset_file(folder: &TempDir, teeth: [u32; 2], shaft_speed_hz: f64) -> String {
     let name = path(folder, &format!("asset-{}.toml", teeth[0]));
