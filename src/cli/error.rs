@@ -110,6 +110,11 @@ impl CliError {
         Self::argument(&format!("--{option}"), value, expected)
     }
 
+    /// Creates the error for a data folder that does not exist.
+    pub(super) fn no_data_folder(folder: &Path) -> Self {
+        Self::argument("--data-dir", folder.display(), "an existing data folder")
+    }
+
     /// Creates the error for an invalid argument.
     pub(super) fn argument(name: &str, value: impl Display, expected: impl Display) -> Self {
         Self::Argument(format!("{name} is {value}, expected {expected}"))

@@ -5,6 +5,6 @@ pub(super) mod cluster;
 pub(super) mod dead_letters;
 pub(super) mod quarantine;
 pub(super) mod rebuild;
-pub(super) mod store_place;
+mod store_place;
 pub(super) mod token;
 pub(super) mod verify;

@@ -1,6 +1,6 @@
 //! Options that select the store a command works on.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -41,7 +41,7 @@ impl StorePlace {
     pub(super) fn resolve_existing(&self) -> Result<(Resolved, StoreSettings), CliError> {
         let (resolved, settings) = self.resolve()?;
         match &settings {
-            StoreSettings::Folder(folder) if !folder.is_dir() => Err(no_data_folder(folder)),
+            StoreSettings::Folder(folder) if !folder.is_dir() => Err(CliError::no_data_folder(folder)),
             _ => Ok((resolved, settings)),
         }
     }
@@ -60,11 +60,6 @@ impl StorePlace {
             ))),
         }
     }
-}
-
-/// The error for a data folder that does not exist.
-pub(in crate::cli) fn no_data_folder(folder: &Path) -> CliError {
-    CliError::argument("--data-dir", folder.display(), "an existing data folder")
 }
 
 /// Creates a runtime for a command that works on a store.

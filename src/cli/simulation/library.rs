@@ -6,7 +6,6 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::pair_file;
-use crate::cli::administration::store_place::no_data_folder;
 use crate::cli::interrupt::interrupted;
 use crate::cli::{CliError, output};
 use crate::gear::{ContactRule, PairSpec};
@@ -160,7 +159,7 @@ fn list(args: &LibraryCacheArgs) -> Result<(), CliError> {
         "library", "pair", "states", "to_um", "contact", "torques", "speeds"
     );
     if !args.data_dir.is_dir() {
-        return Err(no_data_folder(&args.data_dir));
+        return Err(CliError::no_data_folder(&args.data_dir));
     }
     for manifest in args.cache().list()? {
         let contact = manifest.contact();
