@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::command::flankwatch;
 
-fn path(folder: &TempDir, name: &str) -> String {
+pub(super) fn path(folder: &TempDir, name: &str) -> String {
     folder.path().join(name).display().to_string()
 }
 
@@ -30,7 +30,7 @@ fn wav(path: &str, channels: &[&[f32]]) {
     writer.finalize().unwrap();
 }
 
-fn analyze(words: &[&str]) -> Vec<Value> {
+pub(super) fn analyze(words: &[&str]) -> Vec<Value> {
     let output = flankwatch(&[&["analyze", "--format", "json"], words].concat()).expect_success();
     serde_json::from_str::<Value>(&output.out()).unwrap().as_array().unwrap().clone()
 }
@@ -128,26 +128,6 @@ fn an_interrupted_analysis_keeps_its_provisional_estimate() {
     let table = String::from_utf8(ended.stdout).unwrap();
     assert!(ended.status.success() && table.lines().nth(27).unwrap().contains("  provisional "), "{table}");
     assert!(table.trim_end().lines().last().unwrap().starts_with("provisional: worn "), "{table}");
-}
-
-#[cfg(unix)]
-#[test]
-fn an_interrupted_simulation_leaves_no_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let files = || fs::read_dir(folder.path()).unwrap().count();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
-        .args(["simulate", "--records", "10000", "--out", &path(&folder, "run.mcap")])
-        .spawn()
-        .unwrap();
-    let began = std::time::Instant::now();
-    while files() == 0 {
-        assert!(began.elapsed().as_secs() < 100);
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
-    // The file appears just after the handler of Ctrl-C.
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert_eq!(files(), 0);
 }
 
 /// Writes a file of an asset without a pair, with these teeth and this speed.
@@ -311,47 +291,6 @@ fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
 }
 
 #[test]
-fn a_recording_without_a_time_shows_none_and_channels_are_chosen() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = path(&folder, "a.csv");
-    let rows: String = (0..400).map(|n| format!("{n},{},1\n", n % 2)).collect();
-    fs::write(&name, format!("n,x,y\n{rows}")).unwrap();
-    flankwatch(&["analyze", &name, "--rate", "1000"]).expect_failure(&["\"n\"", "not to be selected"]);
-    let words = ["analyze", &name, "--rate", "1000", "--channels", "x"];
-    let output = flankwatch(&words).expect_success();
-    assert!(output.err().contains("a.csv: no time in the recording"), "{}", output.err());
-    let table = output.out();
-    assert!(table.starts_with("channel x (no unit): 1 record, without a time\n"), "{table}");
-    assert!(table.contains("+0:00:00") && !table.contains("1970"), "{table}");
-    let wav = path(&folder, "a.wav");
-    flankwatch(&["convert", &name, &wav, "--rate", "1000", "--channels", "x"]).expect_success();
-    let other = flankwatch(&["analyze", &wav, "--rate", "500", "--format", "csv"]).expect_success();
-    assert!(other.err().contains("a.wav: --rate 500 overrides 1000 Hz"), "{}", other.err());
-    assert!(other.out().contains(",500,400,"), "{}", other.out());
-    let found = analyze(&[&words[1..], &["--record-seconds", "0.2"]].concat());
-    assert_eq!((found.len(), &found[1]["start_time"], &found[1]["channel"]), (2, &Value::Null, &"x".into()));
-    flankwatch(&["analyze", &name]).expect_failure(&["sampling rate is missing", "--rate"]);
-}
-
-#[test]
-fn an_analysis_is_printed_although_its_library_cannot_be_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
-    flankwatch(&["simulate", "--out", &run, "--records", "22", "--seconds", "0.5"]).expect_success();
-    // A file where the folder should be.
-    fs::write(&data, "").unwrap();
-    let words = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--format", "csv"];
-    let output = flankwatch(&words);
-    assert!(output.out().lines().count() == 23 && output.out().contains("no_library"), "{}", output.out());
-    output.expect_failure(&["error: ", "data"]);
-    flankwatch(&["analyze", &run, "--report", &path(&folder, "none/r.html")]).expect_failure(&[
-        "r.html",
-        "there is no folder",
-        "none",
-    ]);
-}
-
-#[test]
 fn a_simulated_run_is_scored() {
     let folder = tempfile::tempdir().unwrap();
     let (run, data) = (path(&folder, "run.wav"), path(&folder, "data"));
@@ -402,7 +341,7 @@ fn an_unchanged_library_is_loaded_and_a_damaged_one_is_rebuilt() {
 }
 
 /// Writes an asset file with the paper's pair.
-fn asset_file(folder: &TempDir) -> String {
+pub(super) fn asset_file(folder: &TempDir) -> String {
     let pair = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pairs/shen2022.toml"))
         .unwrap();
     let pair: toml::Table = pair.parse().unwrap();

@@ -8,6 +8,7 @@ mod evaluation;
 mod figures;
 mod hostile_bytes;
 mod import_cycles;
+mod incomplete_runs;
 mod libraries;
 mod progress;
 mod wrong_input;
