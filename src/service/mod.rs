@@ -85,8 +85,8 @@ pub use raw::UploadPieces;
 pub use rebuild::Rebuilt;
 pub use recomputation::{Recomputation, RecomputationState};
 pub use record::{
-    BandChoice, ChannelNames, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope, StoredRecords,
-    UploadMetadata,
+    BandChoice, ChannelNames, RecalledRecord, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope,
+    StoredRecords, UploadMetadata,
 };
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};

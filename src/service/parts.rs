@@ -67,6 +67,8 @@ pub struct Service {
     pub streams: Arc<Streams>,
     /// Limits the streams that are sent at the same time, by requests and over MQTT.
     pub(crate) stream_places: Shares,
+    /// Downloads of raw recordings.
+    pub(crate) downloads: Shares,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
     /// Sources of records other than HTTP.
@@ -216,6 +218,7 @@ impl Service {
             ),
             streams,
             stream_places: Shares::new(limits.streams_at_once, limits.streams_at_once.saturating_mul(3) / 4),
+            downloads: Shares::new(limits.requests_at_once, limits.requests_at_once.saturating_mul(3) / 4),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,

@@ -45,6 +45,8 @@ pub struct Workers {
     answers: Arc<Semaphore>,
     recordings: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
+    /// Kibibytes of stored records that may be in memory at the same time.
+    stored_kibibytes: Arc<Semaphore>,
     /// Samples of large records that may be analysed at the same time.
     large: Arc<Semaphore>,
     limits: WorkLimits,
@@ -69,6 +71,7 @@ impl Workers {
             answers: Arc::new(Semaphore::new(limits.requests_at_once)),
             recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
             kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
+            stored_kibibytes: Arc::new(Semaphore::new(stored_kibibytes(limits) as usize)),
             large: Arc::new(Semaphore::new(MAX_RECORD_SAMPLES)),
             limits: limits.clone(),
         })
@@ -101,6 +104,14 @@ impl Workers {
         let busy = |_| ServiceError::Busy { what, retry_after_s: 1 };
         let request = Arc::clone(queue).try_acquire_owned().map_err(busy)?;
         Ok(Ticket { _request: request, kibibytes: Arc::clone(&self.kibibytes), held: None, bytes: 0 })
+    }
+
+    /// Waits for memory for a stored record of `bytes`. One that needs more than all stored records may have
+    /// gets all of it.
+    pub(crate) async fn memory_for_stored(&self, bytes: u64) -> Result<OwnedSemaphorePermit, ServiceError> {
+        let needed = bytes.div_ceil(1024).min(stored_kibibytes(&self.limits).into()) as u32;
+        let memory = Arc::clone(&self.stored_kibibytes).acquire_many_owned(needed).await;
+        memory.map_err(|_| ServiceError::WorkerLost("read a record"))
     }
 
     /// Admits the reading of one more whole recording, or returns [`ServiceError::Busy`] at once.
@@ -203,6 +214,11 @@ pub(crate) fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadP
         .map_err(|source| ServiceError::Threads { name, source })
 }
 
+/// The memory for stored records that are read: half of that for records that are received.
+fn stored_kibibytes(limits: &WorkLimits) -> u32 {
+    u32::try_from(limits.bytes_at_once / 2048).unwrap_or(u32::MAX >> 3).max(1)
+}
+
 async fn run_in<T: Send + 'static>(
     pool: &rayon::ThreadPool,
     task: &'static str,
@@ -291,6 +307,17 @@ mod tests {
         assert!(workers.admit().unwrap().grow(1024).is_err());
         drop(large);
         assert!(workers.admit().unwrap().grow(10 * 1024).is_ok());
+    }
+
+    #[tokio::test]
+    async fn stored_records_wait_for_memory_and_a_large_one_gets_all() {
+        let workers = workers();
+        let small = workers.memory_for_stored(1).await.unwrap();
+        let wait = std::time::Duration::from_millis(20);
+        assert!(tokio::time::timeout(wait, workers.memory_for_stored(u64::MAX)).await.is_err());
+        drop(small);
+        let _large = workers.memory_for_stored(u64::MAX).await.unwrap();
+        assert!(tokio::time::timeout(wait, workers.memory_for_stored(1)).await.is_err());
     }
 
     #[tokio::test]

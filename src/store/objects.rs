@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
-use ring::digest::{SHA256, digest};
+use ring::digest::{Context, SHA256, digest};
 
 use super::StoreError;
 
@@ -27,6 +27,9 @@ pub use quarantine::Quarantined;
 
 /// Path of the file written to check for write access; nothing reads it.
 const WRITE_PROBE: &str = "probes/write";
+
+/// Bytes of an object that are in memory at once where it is read in pieces.
+const PIECE_BYTES: usize = 1 << 20;
 
 /// Immutable objects named by the SHA-256 of their bytes.
 ///
@@ -72,6 +75,9 @@ trait Backend: fmt::Debug + Send + Sync {
 
     /// Reads a file; returns `None` if it does not exist.
     fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError>;
+
+    /// Reads `length` bytes of a file from `offset` on; `None` if the file does not exist.
+    fn part(&self, path: &str, offset: u64, length: usize) -> Result<Option<Bytes>, StoreError>;
 
     /// The size of a file and when it was last written, by the clock of the object store; `None` if it does
     /// not exist.
@@ -150,6 +156,31 @@ impl Objects {
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.backend.file(&self.backend.object_path(name))?;
         whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
+    }
+
+    /// Reads the piece of an object of `bytes` bytes that starts at `offset`; it is not checked.
+    pub fn object_piece(&self, name: &str, bytes: u64, offset: u64) -> Result<Bytes, StoreError> {
+        let length = usize::try_from(bytes.saturating_sub(offset)).unwrap_or(usize::MAX).min(PIECE_BYTES);
+        let piece = self.backend.part(&self.backend.object_path(name), offset, length)?;
+        let piece = piece.filter(|piece| !piece.is_empty());
+        piece.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))
+    }
+
+    /// Checks the bytes of an object against its name, piece by piece; returns their number.
+    pub fn check(&self, name: &str) -> Result<u64, StoreError> {
+        let found = self.backend.metadata(&self.backend.object_path(name))?;
+        let (bytes, _) = found.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?;
+        let (mut hash, mut offset) = (Context::new(&SHA256), 0);
+        while offset < bytes {
+            let piece = self.object_piece(name, bytes, offset)?;
+            hash.update(&piece);
+            offset += piece.len() as u64;
+        }
+        let found = hex::encode(hash.finish().as_ref());
+        if found == name {
+            return Ok(bytes);
+        }
+        Err(StoreError::ObjectDamaged { expected: name.to_owned(), found })
     }
 
     /// Checks that an object exists with this number of bytes. Its bytes are read only if its size differs.
@@ -261,5 +292,21 @@ mod tests {
     fn an_object_is_named_by_its_sha256() {
         // FIPS 180-2, appendix B.1
         assert_eq!(Objects::name(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+
+    #[test]
+    fn an_object_is_checked_and_read_in_pieces() {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = Objects::open(folder.path()).unwrap();
+        let bytes: Bytes = (0..PIECE_BYTES + 10).map(|n| (n % 251) as u8).collect::<Vec<_>>().into();
+        let name = Objects::name(&bytes);
+        objects.put_all(&[(name.clone(), bytes.clone())], &[]).unwrap();
+        let size = objects.check(&name).unwrap();
+        assert_eq!(size, bytes.len() as u64);
+        assert_eq!(objects.object_piece(&name, size, 0).unwrap(), bytes[..PIECE_BYTES]);
+        assert_eq!(objects.object_piece(&name, size, PIECE_BYTES as u64).unwrap(), bytes[PIECE_BYTES..]);
+        std::fs::write(folder.path().join(&name[..2]).join(&name), b"other").unwrap();
+        assert!(matches!(objects.check(&name), Err(StoreError::ObjectDamaged { .. })));
+        assert!(matches!(objects.check(&Objects::name(b"")), Err(StoreError::ObjectMissing(_))));
     }
 }

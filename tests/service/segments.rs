@@ -103,6 +103,18 @@ fn a_repeated_upload_gets_the_first_response() {
 }
 
 #[test]
+fn a_large_raw_recording_is_downloaded_as_received() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let bytes: Vec<u8> = (0..400_000).flat_map(|n| ((n % 97) as f32).to_le_bytes()).collect();
+    let path = "/v1/assets/pump/segments?sample=f32&sample_rate_hz=12800&unit=m/s2";
+    let stored = service.post(path, "application/octet-stream", &bytes).expect(201).json();
+    let raw = service.get(&format!("/v1/segments/{}/raw", stored["id"].as_str().unwrap())).expect(200);
+    assert_eq!(raw.header("content-length"), bytes.len().to_string());
+    assert!(raw.bytes == bytes);
+}
+
+#[test]
 fn eight_clients_with_the_same_record_store_it_once() {
     let service = Service::start();
     service.plain_asset("pump");

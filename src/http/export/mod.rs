@@ -26,7 +26,7 @@ use crate::asset::{AssetId, Segment, json_name};
 use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
-use crate::service::{Readiness, ServiceError};
+use crate::service::{Readiness, RecalledRecord, ServiceError};
 use crate::signal::{Record, reduction};
 use crate::store::{AlarmFilter, ChannelSummary, SegmentFilter, SegmentKey, StoredAlarmChange};
 
@@ -159,7 +159,7 @@ async fn write_export(
         }
         let written = app.service.workers.run("write a history", move || {
             with_spectra.iter().try_for_each(|(segment, spectrum, record)| {
-                write(&mut writer, segment, spectrum.as_ref(), record.as_ref())
+                write(&mut writer, segment, spectrum.as_ref(), record.as_deref())
             })?;
             Ok::<_, RecordingError>(writer)
         });
@@ -183,7 +183,7 @@ async fn write_export(
 }
 
 /// Reads the record; `None` if its raw bytes are no longer available.
-async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Problem> {
+async fn record_of(app: &App, segment: &Segment) -> Result<Option<RecalledRecord>, Problem> {
     match app.service.records.recall(segment).await {
         Err(error) if error.is_raw_unavailable() => Ok(None),
         record => Ok(Some(record?)),

@@ -1,13 +1,18 @@
 //! `/v1/segments/{segment}/raw`: the bytes as received.
 
+use axum::body::Body;
 use axum::extract::State;
 use axum::http::header::{self, HeaderValue};
 use axum::response::{IntoResponse, Response};
+use futures_util::StreamExt;
+use futures_util::stream::unfold;
 
 use super::find;
 use crate::asset::Segment;
+use crate::http::access::shares::{Client, Share};
 use crate::http::app::App;
 use crate::http::problem::Problem;
+use crate::http::request::etag;
 use crate::http::request::query::SegmentPath;
 
 /// The raw recording of a segment
@@ -26,17 +31,38 @@ use crate::http::request::query::SegmentPath;
 pub(crate) async fn download(
     State(app): State<App>,
     SegmentPath(id): SegmentPath,
+    client: Client,
 ) -> Result<Response, Problem> {
     let segment = find(&app, &id).await?;
-    let bytes = app.service.records.raw(&segment).await?;
+    let too_many = || Problem::busy("too many recordings are downloaded by this client or in total", 5);
+    let share = app.service.downloads.take(client).ok_or_else(too_many)?;
+    let bytes = app.service.records.check_raw(&segment).await?;
     let (media_type, ending) = form_of(&segment.raw.media_type);
     let disposition = format!("attachment; filename=\"{}.{ending}\"", file_name(&segment));
     let disposition = HeaderValue::try_from(disposition).unwrap_or(HeaderValue::from_static("attachment"));
     let fields = [
         (header::CONTENT_TYPE, HeaderValue::from_static(media_type)),
         (header::CONTENT_DISPOSITION, disposition),
+        (header::CONTENT_LENGTH, HeaderValue::from(bytes)),
+        // JSON without a tag would be read into memory to compute one
+        (header::ETAG, etag::of_bytes(&[segment.raw.sha256.as_bytes()])),
     ];
-    Ok((fields, bytes).into_response())
+    Ok((fields, pieces(app, segment, bytes, share)).into_response())
+}
+
+/// The raw bytes, read piece by piece as the client takes them; the share is held until the end.
+fn pieces(app: App, segment: Segment, bytes: u64, share: Share) -> Body {
+    let pieces = unfold((app, segment, 0, share), move |(app, segment, offset, share)| async move {
+        if offset >= bytes {
+            return None;
+        }
+        let piece = app.service.records.raw_piece(&segment, bytes, offset).await;
+        // ends after an error
+        let next = piece.as_ref().map_or(bytes, |piece| offset + piece.len() as u64);
+        Some((piece, (app, segment, next, share)))
+    });
+    // compression polls once more after the end
+    Body::from_stream(pieces.fuse())
 }
 
 /// The media type and file extension of a response. The stored layout parameters are internal.

@@ -193,8 +193,8 @@ pub(crate) async fn spectrum(
     let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
-    let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     let baseline = matching::complete_baseline(&app, &segment).await?;
+    let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     let mut view = view(segment, spectrum, lines, max_points, range);
     for harmonic in &mut view.mesh_harmonics {
         harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);

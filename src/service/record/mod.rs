@@ -14,5 +14,5 @@ pub(crate) use channel_units::ChannelUnits;
 pub use decode::{RecordFormat, SampleFile, SampleFileKind, UploadMetadata};
 pub(crate) use decode::{decode_upload, defaults_of};
 pub(crate) use identify::{IdentifiedRecord, check_time, identify_recorded, identify_upload, known_to_all};
-pub use stored::{BandChoice, SegmentEnvelope, StoredRecords};
+pub use stored::{BandChoice, RecalledRecord, SegmentEnvelope, StoredRecords};
 pub(crate) use stored::{StoredRecord, raw_bytes};

@@ -1,9 +1,11 @@
 //! Reads stored records from their raw bytes, and computes their spectra.
 
+use std::ops::Deref;
 use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::decode::{RecordFormat, StoredMediaType};
 use crate::asset::{RawReference, Segment};
@@ -83,6 +85,28 @@ pub(crate) async fn raw_bytes(store: &Store, name: &str) -> Result<Bytes, Servic
     Ok(blocking("read a record", move || store.objects().get(&name)).await??)
 }
 
+/// A stored record in memory, with its share of the memory for them.
+pub struct RecalledRecord {
+    record: Record,
+    _memory: OwnedSemaphorePermit,
+}
+
+impl Deref for RecalledRecord {
+    type Target = Record;
+
+    fn deref(&self) -> &Record {
+        &self.record
+    }
+}
+
+/// The most memory that reading a segment's record takes, in bytes: the raw bytes and the samples of every
+/// channel in them, where one byte is one sample at most.
+fn memory_of(segment: &Segment) -> u64 {
+    let channels = u64::from(segment.raw.channel_index) + 1;
+    let samples = segment.raw.bytes.max(segment.samples.saturating_mul(channels));
+    segment.raw.bytes.saturating_add(samples.saturating_mul(4))
+}
+
 /// Reads stored records and computes their spectra.
 pub struct StoredRecords {
     store: Store,
@@ -95,28 +119,52 @@ impl StoredRecords {
         Self { store, workers }
     }
 
-    /// Reads the raw bytes of a segment, checked against their hash.
+    /// Checks the raw bytes of a segment against their hash; returns their number.
     ///
     /// Error: [`ServiceError::RawDeleted`].
-    pub async fn raw(&self, segment: &Segment) -> Result<Bytes, ServiceError> {
-        let name = &segment.raw.sha256;
-        match raw_bytes(&self.store, name).await {
-            Err(ServiceError::Store(StoreError::ObjectMissing(_)))
-                if !self.store.keeps_raw(&segment.asset_id, name).await? =>
-            {
-                Err(ServiceError::RawDeleted(segment.id.clone()))
-            }
-            read => read.inspect_err(
-                |error| tracing::warn!(segment = %segment.id, %error, "failed to read a raw recording"),
-            ),
-        }
+    pub async fn check_raw(&self, segment: &Segment) -> Result<u64, ServiceError> {
+        let (store, name) = (self.store.clone(), segment.raw.sha256.clone());
+        let checked = blocking("read a record", move || store.objects().check(&name)).await?;
+        self.unless_deleted(segment, checked).await
     }
 
-    /// Reads the record of a segment from its raw bytes, checked against their hash.
-    pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
-        let bytes = self.raw(segment).await?;
+    /// Reads the piece of a segment's `bytes` raw bytes that starts at `offset`.
+    pub async fn raw_piece(&self, segment: &Segment, bytes: u64, offset: u64) -> Result<Bytes, ServiceError> {
+        let (store, name) = (self.store.clone(), segment.raw.sha256.clone());
+        let read = move || store.objects().object_piece(&name, bytes, offset);
+        Ok(blocking("read a record", read).await??)
+    }
+
+    /// Reads the record of a segment from its raw bytes, checked against their hash. Waits until there is
+    /// memory for it.
+    ///
+    /// Error: [`ServiceError::RawDeleted`].
+    pub async fn recall(&self, segment: &Segment) -> Result<RecalledRecord, ServiceError> {
+        let memory = self.workers.memory_for_stored(memory_of(segment)).await?;
+        let (store, name) = (self.store.clone(), segment.raw.sha256.clone());
+        // The memory stays reserved while it is in use, even if the caller is gone.
+        let read = move || store.objects().get(&name).map(|bytes| (bytes, memory));
+        let (bytes, memory) = self.unless_deleted(segment, blocking("read a record", read).await?).await?;
         let stored = StoredRecord::from(segment);
-        self.workers.run("read a record", move || stored.decode(&bytes)).await?
+        let decode = move || Ok(RecalledRecord { record: stored.decode(&bytes)?, _memory: memory });
+        self.workers.run("read a record", decode).await?
+    }
+
+    /// What was read of a segment's raw bytes, or that they were deleted, if that is why they are missing.
+    async fn unless_deleted<T>(
+        &self,
+        segment: &Segment,
+        read: Result<T, StoreError>,
+    ) -> Result<T, ServiceError> {
+        let name = &segment.raw.sha256;
+        match read {
+            Err(StoreError::ObjectMissing(_)) if !self.store.keeps_raw(&segment.asset_id, name).await? => {
+                Err(ServiceError::RawDeleted(segment.id.clone()))
+            }
+            read => Ok(read.inspect_err(
+                |error| tracing::warn!(segment = %segment.id, %error, "failed to read a raw recording"),
+            )?),
+        }
     }
 
     /// Runs `analyse` on a segment's record and the context of its mesh; `task` names it in the error if it

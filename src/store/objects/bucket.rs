@@ -142,6 +142,15 @@ impl Backend for Bucket {
         self.runtime.block_on(self.fetch(self.at(path)))
     }
 
+    fn part(&self, path: &str, offset: u64, length: usize) -> Result<Option<Bytes>, StoreError> {
+        let path = self.at(path);
+        match self.runtime.block_on(self.store.get_range(&path, offset..offset + length as u64)) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(bucket_error("read", path.as_ref(), error)),
+        }
+    }
+
     fn metadata(&self, path: &str) -> Result<Option<(u64, Timestamp)>, StoreError> {
         let path = self.at(path);
         match self.runtime.block_on(self.store.head(&path)) {

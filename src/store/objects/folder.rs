@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 use std::fs;
-use std::io;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -225,6 +225,15 @@ impl Backend for Folder {
     fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         let path = self.folder.join(path);
         Ok(if_exists("read", &path, self.disk.read(&path))?.map(Bytes::from))
+    }
+
+    fn part(&self, path: &str, offset: u64, length: usize) -> Result<Option<Bytes>, StoreError> {
+        let path = self.folder.join(path);
+        let Some(mut file) = if_exists("read", &path, self.disk.open(&path))? else { return Ok(None) };
+        let mut bytes = vec![0; length];
+        let read = file.seek(SeekFrom::Start(offset)).and_then(|_| file.read_exact(&mut bytes));
+        read.map_err(|source| file_error("read", &path, source))?;
+        Ok(Some(bytes.into()))
     }
 
     fn metadata(&self, path: &str) -> Result<Option<(u64, Timestamp)>, StoreError> {
