@@ -58,6 +58,25 @@ fn health_is_answered_while_one_client_has_all_its_connections() {
 }
 
 #[test]
+fn idle_connections_of_one_address_do_not_delay_another() {
+    let service = Service::start_with(|config| config.http.connections = 8);
+    let _idle: Vec<TcpStream> = (0..60).map(|_| connect(&service)).collect();
+    let address = service.url("").trim_start_matches("http://").parse().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let other = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+        socket.connect(address).await.unwrap().into_std().unwrap()
+    });
+    other.set_nonblocking(false).unwrap();
+    other.set_read_timeout(Some(Duration::from_millis(900))).unwrap();
+    write!(&other, "GET /v1/assets HTTP/1.1\r\nhost: localhost\r\n\r\n").unwrap();
+    let mut line = String::new();
+    BufReader::new(other).read_line(&mut line).unwrap();
+    assert_eq!(line.split(' ').nth(1), Some("200"));
+}
+
+#[test]
 fn a_revoked_tokens_streams_end() {
     let service = Service::start();
     let tokens = Tokens::of(service.folder());

@@ -16,7 +16,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, oneshot, watch};
+use tokio::sync::{oneshot, watch};
 use tokio_io_timeout::TimeoutStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -33,10 +33,13 @@ const MAX_HEADERS: usize = 100;
 
 /// Connections beyond the limit, each for one request: health checks are answered, everything else is
 /// refused.
-const RESERVE: usize = 32;
+const RESERVE: usize = 64;
+
+/// Those of one address.
+const RESERVE_OF_ONE: usize = RESERVE / 2;
 
 /// Time to send the request head on a reserve connection.
-const RESERVE_TIMEOUT: Duration = Duration::from_secs(5);
+const RESERVE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Delay after the system refused a connection, usually for lack of file descriptors.
 const AFTER_REFUSAL: Duration = Duration::from_millis(100);
@@ -79,19 +82,15 @@ pub(crate) async fn serve(
 ) {
     // a single client leaves a quarter to the others
     let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
-    // further connections wait in the system's queue
-    let reserve = Arc::new(Semaphore::new(RESERVE));
+    // further connections are closed: one that waited would keep all later ones waiting
+    let reserve = Shares::new(RESERVE, RESERVE_OF_ONE);
     // Every connection holds a receiver until it ends or becomes a WebSocket.
     let is_ending = watch::Sender::new(false);
     loop {
-        let accept = async {
-            let reserved = Arc::clone(&reserve).acquire_owned().await;
-            (reserved, listener.accept().await)
-        };
-        let (reserved, accepted) = tokio::select! {
+        let accepted = tokio::select! {
             // An error means that the handle was dropped, which also ends the service.
             _ = &mut stop => break,
-            accepted = accept => accepted,
+            accepted = listener.accept() => accepted,
         };
         let (stream, from) = match accepted {
             Ok((stream, from)) => (stream, from.ip().to_canonical()),
@@ -103,12 +102,17 @@ pub(crate) async fn serve(
         };
         let (router, tls, limits, ending) =
             (router.clone(), tls.clone(), Arc::clone(&limits), is_ending.subscribe());
-        let place = places.take(Client::Address(Some(from)));
-        let peer = Peer { address: from, is_in_reserve: place.is_none() };
-        // A regular connection does not use the reserve.
-        let reserved = place.is_none().then_some(reserved);
+        let client = Client::Address(Some(from));
+        let (place, is_in_reserve) = match places.take(client.clone()) {
+            Some(place) => (place, false),
+            None => match reserve.take(client) {
+                Some(place) => (place, true),
+                None => continue,
+            },
+        };
+        let peer = Peer { address: from, is_in_reserve };
         tokio::spawn(async move {
-            let _held = (place, reserved);
+            let _place = place;
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
                 return serve_connection(stream, router, &limits, peer, ending).await;

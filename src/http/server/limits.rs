@@ -14,7 +14,7 @@ pub struct HttpLimits {
     pub uploads_at_once: u32,
     /// Bytes of any other body.
     pub description_bytes: usize,
-    /// Concurrent connections; further ones wait in the system's queue.
+    /// Concurrent connections; of further ones, only health checks are answered.
     pub connections: usize,
     /// Bytes of a request's line and header fields.
     pub header_bytes: usize,
