@@ -175,6 +175,13 @@ fn an_upload_with_an_idempotency_key_happens_once() {
         ("true", "")
     );
     assert_eq!(replayed.json(), stored.json());
+    // A record that was deleted is stored again.
+    service.delete(&segment).expect(204);
+    let stored = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201);
+    assert_eq!((stored.header("idempotency-replayed"), &stored.json()["id"]), ("", &first["id"]));
+    service.get(&segment).expect(200);
+    let replayed = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201);
+    assert_eq!((replayed.header("idempotency-replayed"), replayed.json()), ("true", stored.json()));
     service.clock.advance(8 * 24 * 3600);
     let later = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_ne!(later["id"], first["id"], "the key is forgotten");

@@ -18,6 +18,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::app::App;
@@ -155,7 +156,7 @@ enum Answered {
     /// A new response.
     Now(UploadAnswer),
     /// The stored response of an earlier upload with the same key.
-    Before(serde_json::Value),
+    Before(Value),
 }
 
 impl Upload<'_> {
@@ -193,7 +194,7 @@ impl Upload<'_> {
         let mut metadata = self.params.metadata()?;
         if self.key.is_some() {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
-            if let Some(answer) = answer_before(&first) {
+            if let Some(answer) = self.answer_before(&first).await? {
                 return Ok(answer);
             }
             metadata.start_time = Some(metadata.start_time.unwrap_or(first.received_at));
@@ -234,7 +235,7 @@ impl Upload<'_> {
         let ticket = app.service.workers.admit()?;
         let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
         if self.key.is_some()
-            && let Some(answer) = answer_before(&self.begin(MCAP, spooled.sha256()).await?)
+            && let Some(answer) = self.answer_before(&self.begin(MCAP, spooled.sha256()).await?).await?
         {
             return Ok(answer);
         }
@@ -263,11 +264,31 @@ impl Upload<'_> {
         let detail = format!("idempotency-key {key:?} was used for another upload at {}", first.received_at);
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
+
+    /// The stored response of an earlier upload. If one of its segments was deleted, the response is forgotten
+    /// and the upload is processed again.
+    async fn answer_before(&self, first: &KeyedUpload) -> Result<Option<Answered>, Problem> {
+        let Some(answer) = first.answer.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok())
+        else {
+            return Ok(None);
+        };
+        let (store, ids) = (&self.app.service.store, stored_in(&answer));
+        if store.segments_by_id(&ids).await?.len() == ids.len() {
+            return Ok(Some(Answered::Before(answer)));
+        }
+        store.forget_answer(self.asset, self.key.as_deref().unwrap_or_default()).await?;
+        Ok(None)
+    }
 }
 
-/// The stored response of an earlier upload.
-fn answer_before(first: &KeyedUpload) -> Option<Answered> {
-    serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
+/// The segments that a stored response says are stored.
+fn stored_in(answer: &Value) -> Vec<SegmentId> {
+    let one = std::slice::from_ref(answer);
+    let all = answer["segments"].as_array().map_or(one, Vec::as_slice);
+    // a queued record is not a segment yet
+    let stored = all.iter().filter(|segment| segment["state"] != "queued");
+    let ids = stored.filter_map(|segment| segment.as_str().or(segment["id"].as_str()));
+    ids.map(|id| SegmentId(id.to_owned())).collect()
 }
 
 /// Reads an MCAP recording into an asset.

@@ -91,4 +91,14 @@ impl Store {
         let first: Option<Option<String>> = row.map(|row| get(&row, "answer")).transpose()?;
         Ok(first.flatten())
     }
+
+    /// Forgets the response to an upload with a key, so that the upload can be processed again.
+    pub async fn forget_answer(&self, asset: &AssetId, key: &str) -> Result<(), StoreError> {
+        sqlx::query("UPDATE keyed_uploads SET answer = NULL WHERE asset_id = $1 AND upload_key = $2")
+            .bind(asset.as_str())
+            .bind(key)
+            .execute(self.write()?)
+            .await?;
+        Ok(())
+    }
 }
