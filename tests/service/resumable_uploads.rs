@@ -47,9 +47,9 @@ fn a_large_recording_is_resumed_also_after_a_restart() {
     begin("asset eA==", &length).expect_problem(404, &["x"]);
     begin("", &length).expect_problem(400, &["asset"]);
     begin(&metadata, "9999999999999").expect_problem(413, &[]);
-    service
-        .send("POST", "/v1/uploads", &[("upload-length", "1")], b"")
-        .expect_problem(412, &["tus-resumable"]);
+    let other = service.send("POST", "/v1/uploads", &[("upload-length", "1")], b"");
+    assert_eq!((other.header("tus-resumable"), other.header("tus-version")), ("1.0.0", "1.0.0"));
+    other.expect_problem(412, &["tus-resumable"]);
     let location = begin(&metadata, &length).expect(201).header("location").to_string();
     let given_up = begin(&metadata, &length).expect(201).header("location").to_string();
     service.send("DELETE", &given_up, &[tus], b"").expect(204);
@@ -75,6 +75,7 @@ fn a_large_recording_is_resumed_also_after_a_restart() {
     patch(&service, at, &recording[at..]).expect(204);
     let done = service.wait_for(&location, |upload| upload["state"] == "finished");
     assert_eq!((&done["result"]["stored"], &done["error"]), (&5.into(), &Value::Null));
+    patch(&service, at, b"more").expect_problem(409, &["the upload is complete"]);
     service.let_uploads_expire();
     begin_again(&service, &metadata);
     service.get(&location).expect_problem(404, &[]);

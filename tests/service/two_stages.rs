@@ -101,6 +101,9 @@ fn invalid_sensor_sharing_is_rejected_and_shared_recordings_are_kept() {
     service.post_json("/v1/assets", &second("nowhere")).expect_problem(422, &["sensor.of", "nowhere"]);
     service.post_json("/v1/assets", &second("second")).expect_problem(422, &["sensor.of"]);
     service.post_json("/v1/assets", &second("first")).expect(201);
+    // "second" in base64
+    let upload = [("tus-resumable", "1.0.0"), ("upload-length", "1"), ("upload-metadata", "asset c2Vjb25k")];
+    service.send("POST", "/v1/uploads", &upload, b"").expect_problem(409, &["second", "first"]);
     let mut third = second("second");
     third["id"] = json!("third");
     service.post_json("/v1/assets", &third).expect_problem(422, &["sensor.of", "second"]);

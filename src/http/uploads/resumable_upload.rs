@@ -54,7 +54,12 @@ impl ResumableUpload {
         if self.state == UploadState::Receiving && self.offset == at {
             return Ok(());
         }
-        let detail = format!("upload-offset is {at}, expected {} of {}", self.offset, self.length);
+        let detail = match self.state {
+            UploadState::Receiving => {
+                format!("upload-offset is {at}, expected {} of {}", self.offset, self.length)
+            }
+            _ => "the upload is complete: GET returns its result".to_owned(),
+        };
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
 }

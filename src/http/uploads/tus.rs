@@ -5,8 +5,9 @@
 
 use axum::Json;
 use axum::body::Body;
-use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD_NO_PAD;
@@ -19,10 +20,12 @@ use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body;
 use crate::http::request::query::NamePath;
+use crate::service::ServiceError;
 
 const VERSION: &str = "1.0.0";
 const OFFSET_TYPE: &str = "application/offset+octet-stream";
 const RESUMABLE: HeaderName = HeaderName::from_static("tus-resumable");
+const SUPPORTED: HeaderName = HeaderName::from_static("tus-version");
 const LENGTH: HeaderName = HeaderName::from_static("upload-length");
 const OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 const METADATA: HeaderName = HeaderName::from_static("upload-metadata");
@@ -68,7 +71,7 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
     let mut response = status.into_response();
     // date format of RFC 9110, as the protocol requires
     let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
-    let fields = [(RESUMABLE, VERSION.to_string()), (OFFSET, upload.offset.to_string()), (EXPIRES, expires)];
+    let fields = [(OFFSET, upload.offset.to_string()), (EXPIRES, expires)];
     for (name, value) in fields.iter().chain(more) {
         if let Ok(value) = HeaderValue::from_str(value) {
             response.headers_mut().insert(name, value);
@@ -93,6 +96,7 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
     responses(
         (status = 201, description = "Created", headers(("location" = String, description = "Its address"))),
         (status = 404, description = "Asset not found"),
+        (status = 409, description = "The asset uses the sensor of another one"),
         (status = 412, description = "Unsupported tus version"),
         (status = 413, description = "Too long"),
         (status = 507, description = "Insufficient storage"),
@@ -118,7 +122,10 @@ pub(crate) async fn create(
             "asset and its name in base64",
         )
     })?;
-    app.service.store.asset(&asset).await?;
+    let described = app.service.store.asset(&asset).await?;
+    if let Some(of) = described.spec.sensor.of {
+        return Err(ServiceError::SensorOfOther { asset, of }.into());
+    }
     let upload = resumable::begin(&app, &client, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
     Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
@@ -128,8 +135,6 @@ pub(crate) async fn create(
 #[utoipa::path(options, path = "/v1/uploads", tag = "resumable uploads", responses((status = 204, description = "See the header fields")))]
 pub(crate) async fn options(State(app): State<App>) -> Response {
     let fields = [
-        (RESUMABLE, VERSION.to_string()),
-        (HeaderName::from_static("tus-version"), VERSION.to_string()),
         (HeaderName::from_static("tus-extension"), "creation,termination,expiration".to_string()),
         (HeaderName::from_static("tus-max-size"), app.limits.recording_bytes.to_string()),
     ];
@@ -207,9 +212,27 @@ pub(crate) async fn append(
         (status = 409, description = "The upload is being written or processed"),
     ),
 )]
-pub(crate) async fn cancel(State(app): State<App>, NamePath(id): NamePath) -> Result<Response, Problem> {
+pub(crate) async fn cancel(
+    State(app): State<App>,
+    NamePath(id): NamePath,
+) -> Result<StatusCode, Problem> {
     resumable::cancel(&app, &id).await?;
-    Ok((StatusCode::NO_CONTENT, [(RESUMABLE, VERSION)]).into_response())
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Adds the protocol's version to every response of these routes, also to errors.
+pub(crate) async fn layer(request: Request, next: Next) -> Response {
+    let is_tus = request.uri().path().split('/').nth(2) == Some("uploads");
+    let is_options = request.method() == Method::OPTIONS;
+    let mut response = next.run(request).await;
+    if is_tus {
+        let lists_versions = is_options || response.status() == StatusCode::PRECONDITION_FAILED;
+        response.headers_mut().insert(RESUMABLE, HeaderValue::from_static(VERSION));
+        if lists_versions {
+            response.headers_mut().insert(SUPPORTED, HeaderValue::from_static(VERSION));
+        }
+    }
+    response
 }
 
 #[cfg(test)]
