@@ -203,6 +203,8 @@ fn an_update_can_be_conditional_on_the_etag() {
     assert_eq!(changed.json()["name"], "Pump 1");
     description["name"] = serde_json::json!("Pump 2");
     put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "has changed"]);
+    put(&description, &[("if-match", &format!("W/{}", changed.header("etag")))])
+        .expect_problem(412, &["pump"]);
     put(&description, &[("if-none-match", "*")]).expect_problem(412, &["pump"]);
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["name"], "Pump 1");
     let list = format!("\"other\", {}", changed.header("etag"));

@@ -63,17 +63,20 @@ pub(crate) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Proble
 /// The precondition of a change of an asset. Only descriptions are compared: the rest of the response changes
 /// with every record.
 pub(crate) fn precondition(headers: &HeaderMap) -> Precondition {
-    let tags = |name: HeaderName| {
-        let given: Vec<&str> = headers.get_all(name).iter().filter_map(|value| value.to_str().ok()).collect();
-        (!given.is_empty())
-            .then(|| given.iter().flat_map(|list| list.split(',')).map(description_in).collect())
+    let tags = |name: HeaderName, ignored: &str| {
+        let given = headers.get_all(name).iter().map(|value| String::from_utf8_lossy(value.as_bytes()));
+        let lists: Vec<_> = given.collect();
+        let tags = lists.iter().flat_map(|list| list.split(',')).map(|tag| description_in(tag, ignored));
+        (!lists.is_empty()).then(|| tags.collect())
     };
-    Precondition { matches: tags(header::IF_MATCH), matches_none: tags(header::IF_NONE_MATCH) }
+    // RFC 9110: If-Match compares strongly, so that a weak tag matches nothing
+    Precondition { matches: tags(header::IF_MATCH, ""), matches_none: tags(header::IF_NONE_MATCH, "W/") }
 }
 
-/// The description's part of an asset's tag.
-fn description_in(tag: &str) -> String {
-    let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
+/// The description's part of an asset's tag, without an ignored prefix.
+fn description_in(tag: &str, ignored: &str) -> String {
+    let tag = tag.trim();
+    let tag = tag.strip_prefix(ignored).unwrap_or(tag).trim_matches('"');
     tag.split_once('-').map_or(tag, |(description, _)| description).to_owned()
 }
 
@@ -129,6 +132,22 @@ pub(crate) async fn layer(request: Request, next: Next) -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tag_that_is_weak_or_not_ascii_is_still_a_precondition() {
+        let mut headers = HeaderMap::new();
+        assert!(precondition(&headers).matches.is_none());
+        for (given, expected) in [
+            (&b"\"ab-cd\", \"ef\""[..], vec!["ab", "ef"]),
+            (b"W/\"ab-cd\"", vec!["W/\"ab"]),
+            (b"\"\xe9\"", vec!["\u{fffd}"]),
+        ] {
+            headers.insert(header::IF_MATCH, HeaderValue::from_bytes(given).unwrap());
+            assert_eq!(precondition(&headers).matches.unwrap(), expected);
+        }
+        headers.insert(header::IF_NONE_MATCH, HeaderValue::from_static("W/\"ab-cd\""));
+        assert_eq!(precondition(&headers).matches_none.unwrap(), ["ab"]);
+    }
 
     #[test]
     fn a_known_tag_is_recognised_weak_or_in_a_list() {
