@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use axum::http::{HeaderMap, StatusCode, header};
-use flate2::write::GzDecoder;
+use flate2::write::MultiGzDecoder;
 use zstd::stream::raw::{Decoder as ZstdDecoder, Operation};
 
 use crate::http::problem::Problem;
@@ -18,8 +18,8 @@ const MAX_WINDOW_LOG: u32 = 23;
 pub(crate) enum ContentEncoding {
     /// None.
     Identity,
-    /// gzip.
-    Gzip(Box<GzDecoder<Vec<u8>>>),
+    /// gzip, of one or more members.
+    Gzip(Box<MultiGzDecoder<Vec<u8>>>),
     /// Zstandard, and whether the decoder is at the end of a frame.
     Zstd(Box<ZstdDecoder<'static>>, bool),
 }
@@ -32,7 +32,7 @@ impl ContentEncoding {
         };
         match coding.to_str().map(|coding| coding.trim().to_ascii_lowercase()).as_deref() {
             Ok("identity" | "") => Ok(Self::Identity),
-            Ok("gzip" | "x-gzip") => Ok(Self::Gzip(Box::new(GzDecoder::new(Vec::new())))),
+            Ok("gzip" | "x-gzip") => Ok(Self::Gzip(Box::new(MultiGzDecoder::new(Vec::new())))),
             Ok("zstd") => {
                 let mut decoder = ZstdDecoder::new().map_err(broken)?;
                 decoder
@@ -57,7 +57,7 @@ impl ContentEncoding {
         match self {
             Self::Identity => out.extend_from_slice(step),
             Self::Gzip(decoder) => {
-                decoder.write_all(step).map_err(broken)?;
+                decoder.write_all(step).map_err(not_gzip)?;
                 out.append(decoder.get_mut());
             }
             Self::Zstd(decoder, is_whole) => {
@@ -85,13 +85,25 @@ impl ContentEncoding {
         match &mut self {
             Self::Identity => Ok(()),
             Self::Gzip(decoder) => {
-                decoder.try_finish().map_err(broken)?;
+                decoder.try_finish().map_err(not_gzip)?;
                 out.append(decoder.get_mut());
                 Ok(())
             }
             Self::Zstd(_, true) => Ok(()),
             Self::Zstd(_, false) => Err(broken(io::ErrorKind::UnexpectedEof.into())),
         }
+    }
+}
+
+/// Only the header of a further member is invalid input after bytes were decoded.
+fn not_gzip(error: io::Error) -> Problem {
+    match error.kind() {
+        io::ErrorKind::InvalidInput => {
+            let detail = "the body does not match content-encoding: at its beginning, or after the \
+                          compressed data, are bytes that are not gzip";
+            Problem::new(StatusCode::BAD_REQUEST, detail)
+        }
+        _ => broken(error),
     }
 }
 
@@ -131,6 +143,10 @@ mod tests {
             assert!(decode(coding, &coded[..coded.len() - 5]).is_err(), "{coding} cut off");
             assert!(decode(coding, b"something else entirely").is_err(), "{coding} broken");
         }
+        let parts = [gzip(&bytes[..1000]), gzip(&bytes[1000..])].concat();
+        assert!(decode("gzip", &parts).unwrap() == bytes, "two members");
+        let problem = decode("gzip", &[gzip(b"abc"), b"more bytes".to_vec()].concat()).unwrap_err();
+        assert!(problem.detail().contains("not gzip"), "{}", problem.detail());
         assert!(decode("br", b"").is_err());
         assert_eq!(decode("identity", b"abc").unwrap(), b"abc");
     }
