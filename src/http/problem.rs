@@ -8,6 +8,7 @@ use crate::asset::AssetError;
 use crate::estimate::AlarmError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
+use crate::signal::RecordError;
 use crate::store::{FoundDamage, StoreError};
 
 /// The media type of problem details.
@@ -186,6 +187,34 @@ impl Problem {
         }
     }
 
+    /// A recording that cannot be read.
+    fn of_record(error: &RecordingError) -> Self {
+        let problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, shortened(&error.to_string()));
+        match error {
+            RecordingError::Field { field, value, expected } => problem.with_field(field, value, expected),
+            RecordingError::Wav { field, value, expected } => problem.with_field(field, value, expected),
+            RecordingError::Content { field, value, expected, .. } => {
+                problem.with_field(field, value, expected)
+            }
+            RecordingError::Record(RecordError::OperatingPoint { field, value, expected }) => {
+                problem.with_field(field, value, expected)
+            }
+            RecordingError::Record(RecordError::SampleRate(_)) => {
+                let cause = problem.0.detail.clone();
+                problem.naming_field_in(&cause)
+            }
+            RecordingError::Record(RecordError::Unit { found, expected, .. }) => {
+                problem.with_field("unit", found, expected)
+            }
+            RecordingError::Record(_) => problem.of_field("samples".to_owned()),
+            RecordingError::Json { path, source, .. } => {
+                let cause = source.to_string();
+                problem.naming_field_in(&cause).at_path(&cause, path.clone())
+            }
+            _ => problem,
+        }
+    }
+
     /// An error of the disk, which may be gone later.
     fn of_disk(error: &dyn std::error::Error) -> Self {
         let mut problem = Self::internal(error);
@@ -282,9 +311,8 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
-            ServiceError::Recording(_) | ServiceError::TooManyRecords(_) => {
-                Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
-            }
+            ServiceError::Recording(ref source) => Self::of_record(source),
+            ServiceError::TooManyRecords(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
             ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
             ServiceError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
@@ -328,9 +356,12 @@ impl From<RecordingError> for Problem {
 
 /// A value with its numbers in scientific notation where they have more digits than anyone reads.
 pub(crate) fn shortened(value: &str) -> String {
-    let word = |word: &str| match word.parse::<f64>() {
-        Ok(number) if word.len() > MAX_DIGITS => format!("{number:e}"),
-        _ => word.to_owned(),
+    let word = |word: &str| {
+        let digits = word.trim_end_matches([',', ':']);
+        match digits.parse::<f64>() {
+            Ok(number) if digits.len() > MAX_DIGITS => format!("{number:e}{}", &word[digits.len()..]),
+            _ => word.to_owned(),
+        }
     };
     value.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
@@ -386,5 +417,6 @@ mod tests {
         assert_eq!(shortened(&1e308.to_string()), "1e308");
         assert_eq!(shortened(&format!("1 to {}", 5e-324)), "1 to 5e-324");
         assert_eq!(shortened("12345.678 and a name"), "12345.678 and a name");
+        assert_eq!(shortened(&format!("rate is {}, expected", 1e308)), "rate is 1e308, expected");
     }
 }

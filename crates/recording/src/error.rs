@@ -100,11 +100,15 @@ pub enum RecordingError {
         source: prost::DecodeError,
     },
     /// Not JSON, or a field is missing, unknown or of the wrong type.
-    #[error("not {message} in JSON: {source}")]
+    #[error("not {message} in JSON: {problem}")]
     Json {
         /// Name of the expected message, with its article.
         message: &'static str,
-        /// The problem.
+        /// Path of the field at fault, if known.
+        path: Option<String>,
+        /// The problem in words of JSON.
+        problem: String,
+        /// The cause.
         source: serde_json::Error,
     },
     /// An invalid field of a message, or an invalid argument.

@@ -230,7 +230,38 @@ impl JsonBlock {
 /// Decodes one message of this name after checking the length of its texts.
 fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8], name: &'static str) -> Result<T, RecordingError> {
     check_texts(bytes)?;
-    serde_json::from_slice(bytes).map_err(|source| RecordingError::Json { message: name, source })
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let parsed = match bytes.trim_ascii_start().first() {
+        // Its elements would be taken as the fields in order.
+        Some(b'[') => Err(serde_json::Error::custom("an array, expected an object with named fields")),
+        _ => T::deserialize(&mut reader).and_then(|message| reader.end().map(|()| message)),
+    };
+    parsed.map_err(|source| {
+        let mut reader = serde_json::Deserializer::from_slice(bytes);
+        let fault = serde_path_to_error::deserialize::<_, T>(&mut reader).err();
+        let path =
+            fault.map(|fault| fault.path().to_string()).filter(|path| path != "." && !path.contains('?'));
+        RecordingError::Json { message: name, path, problem: in_words_of_json(&source), source }
+    })
+}
+
+/// An error without the names of Rust's types.
+fn in_words_of_json(error: &serde_json::Error) -> String {
+    let mut text = error.to_string();
+    for (ours, word) in [
+        ("f64", "a number"),
+        ("f32", "a number"),
+        ("u64", "a whole number of at least 0"),
+        ("u32", "a whole number of at least 0"),
+        ("i64", "a whole number"),
+        ("struct JsonBlock", "an object"),
+        ("struct JsonOperatingPoint", "an object"),
+        ("struct JsonTachometer", "an object"),
+        ("struct Quality", "an object"),
+    ] {
+        text = text.replace(&format!("expected {ours}"), &format!("expected {word}"));
+    }
+    text
 }
 
 /// Rejects a text that is too long for any field's name or value, before an error quotes it.
@@ -331,7 +362,9 @@ mod tests {
     fn an_error_names_what_is_wrong() {
         for (json, expected) in [
             ("", "EOF"),
-            ("[]", "invalid length"),
+            ("[]", "an array, expected an object"),
+            (r#"{"sample_rate_hz": "1", "samples": [1]}"#, r#"string "1", expected a number at line 1"#),
+            (r#"{"sample_rate_hz": 1, "samples": [1], "tachometer": 3}"#, "expected an object"),
             (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),
             (r#"{"samples": [1]}"#, "missing field `sample_rate_hz`"),
             (r#"{"sample_rate_hz": 1}"#, "missing field `samples`"),

@@ -11,7 +11,7 @@ use crate::recording::{
     decode_csv, decode_flac, decode_mat, decode_npy, decode_raw, decode_wav,
 };
 use crate::service::error::ServiceError;
-use crate::signal::{OperatingPoint, Record};
+use crate::signal::{OperatingPoint, Record, Tachometer};
 
 /// The format of the bytes of one upload.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -281,7 +281,25 @@ pub(crate) fn decode_upload(
     defaults.channel_units.extend(given.map(|(name, unit)| (name.clone(), unit.clone())));
     let records = format.decode(bytes, &defaults)?;
     check_names(&metadata.channel_names, records.len())?;
+    records.iter().filter_map(Record::tachometer).try_for_each(check_pulses)?;
     Ok(records)
+}
+
+/// Checks pulses that are received. Stored ones from earlier versions may be invalid; the analysis then
+/// leaves them out.
+fn check_pulses(tachometer: &Tachometer) -> Result<(), ServiceError> {
+    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
+    let times = &tachometer.pulse_times_s;
+    if tachometer.pulses_per_revolution == 0 && !times.is_empty() {
+        return refuse("tachometer.pulses_per_revolution", "0".to_owned(), "a whole number of at least 1");
+    }
+    match times.windows(2).position(|pair| pair[1] <= pair[0]) {
+        Some(n) => {
+            let value = format!("descending or repeated at pulse {}", n + 2);
+            refuse("tachometer.pulse_time_ns", value, "times in ascending order")
+        }
+        None => Ok(()),
+    }
 }
 
 fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
