@@ -162,6 +162,7 @@ pub(crate) async fn revoke(
     Ok(StatusCode::NO_CONTENT)
 }
 
-fn by(caller: Option<&Caller>) -> &str {
+/// Who made a request, for the log.
+pub(crate) fn by(caller: Option<&Caller>) -> &str {
     caller.map_or("unauthenticated", |caller| &caller.token.id)
 }

@@ -6,6 +6,7 @@ pub(super) mod maintenance;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use axum::Extension;
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
@@ -15,6 +16,8 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 
+use super::access::issued_tokens::by;
+use super::access::session::Caller;
 use super::app::App;
 use super::problem::Problem;
 use super::request::body;
@@ -155,11 +158,13 @@ pub(super) async fn list(
 )]
 pub(super) async fn create(
     State(app): State<App>,
+    caller: Option<Extension<Caller>>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<impl IntoResponse, Problem> {
     let spec = description(&app, &headers, body, &[]).await?;
     let asset = app.service.assets.create(&spec).await?;
+    tracing::info!(asset = %spec.id, by = by(caller.as_deref()), "created asset");
     let location = format!("/v1/assets/{}", spec.id);
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], tagged(&app, asset, None).await?))
 }
@@ -214,6 +219,7 @@ async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<
 pub(super) async fn replace(
     State(app): State<App>,
     AssetPath(id): AssetPath,
+    caller: Option<Extension<Caller>>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -222,6 +228,7 @@ pub(super) async fn replace(
         return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
     }
     let asset = app.service.assets.update(&spec, &etag::precondition(&headers)).await?;
+    tracing::info!(asset = %id, by = by(caller.as_deref()), "replaced the description of asset");
     tagged(&app, asset, None).await
 }
 
@@ -246,9 +253,11 @@ pub(super) async fn replace(
 pub(super) async fn remove(
     State(app): State<App>,
     AssetPath(id): AssetPath,
+    caller: Option<Extension<Caller>>,
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
     app.service.assets.delete(&id, &etag::precondition(&headers)).await?;
+    tracing::info!(asset = %id, by = by(caller.as_deref()), "deleted asset");
     Ok(StatusCode::NO_CONTENT)
 }
 

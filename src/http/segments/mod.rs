@@ -4,6 +4,7 @@ pub(super) mod exclusions;
 pub(super) mod raw_recordings;
 pub(super) mod record_choice;
 
+use axum::Extension;
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -11,6 +12,8 @@ use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::access::issued_tokens::by;
+use super::access::session::Caller;
 use super::app::App;
 use super::problem::Problem;
 use super::request::query::{self, AssetPath, Page, Parameters, SegmentPath};
@@ -190,8 +193,10 @@ pub(super) async fn show(
 pub(super) async fn remove(
     State(app): State<App>,
     SegmentPath(id): SegmentPath,
+    caller: Option<Extension<Caller>>,
 ) -> Result<StatusCode, Problem> {
     let segment = find(&app, &id).await?;
+    tracing::info!(asset = %segment.asset_id, segment = %id, by = by(caller.as_deref()), "removing a record");
     app.service.removals.remove_one(&segment).await?;
     Ok(StatusCode::NO_CONTENT)
 }
@@ -258,9 +263,11 @@ pub(super) async fn remove_range(
     State(app): State<App>,
     AssetPath(asset): AssetPath,
     Parameters(params): Parameters<RangeParameters>,
+    caller: Option<Extension<Caller>>,
 ) -> Result<Json<Deleted>, Problem> {
     let all = "at least one of from, to and ids; to delete all records, delete the asset";
     let ranges = params.ranges(&app, &asset, all).await?;
+    tracing::info!(%asset, by = by(caller.as_deref()), "removing records");
     let deleted = app.service.removals.remove_each(&asset, &ranges).await?;
     Ok(Json(Deleted { deleted }))
 }
