@@ -24,7 +24,7 @@ use super::request::etag;
 use super::segments::{self, exclusions, raw_recordings, record_choice};
 use super::server::{drain, head, traffic};
 use super::spectra::{angle, cepstra, lines, matching, waterfall, waveforms};
-use super::streams::{self, campaigns, live_view};
+use super::streams::{self, campaigns, levels, live_view};
 use super::uploads::{self, csv_preview, recording_preview, tus};
 use super::wear::{self, hindsight};
 use super::{
@@ -90,9 +90,9 @@ pub(super) fn operations() -> OpenApiRouter<App> {
         .routes(routes!(csv_preview::csv_preview))
         .routes(routes!(recording_preview::recording_preview))
         .routes(routes!(pair_presets::list))
-        .routes(routes!(streams::connect, streams::send))
+        .routes(routes!(streams::connect, streams::send, streams::remove))
         .routes(routes!(streams::list))
-        .routes(routes!(streams::levels))
+        .routes(routes!(levels::show))
         .routes(routes!(streams::keep))
         .routes(routes!(campaigns::begin, campaigns::end))
         .routes(routes!(live_view::watch))
@@ -118,6 +118,7 @@ pub(super) fn router(app: App) -> Router {
         .layer(from_fn(etag::layer))
         .layer(from_fn_with_state(app.clone(), damage::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
+        .layer(from_fn(tus::layer))
         .layer(from_fn_with_state(app.clone(), head::layer))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))

@@ -130,8 +130,15 @@ fn the_latest_sender_at_any_node_has_the_stream_until_its_asset_is_deleted() {
     assert_eq!(other.try_send("DELETE", "/v1/assets/pump", "", b"").unwrap().0, 204);
     assert!([4404, 4409].contains(&newest.receive().unwrap_err().0));
     one.send_json("POST", "/v1/assets", &described, 201);
-    assert_eq!(open(&other).next, Some(0));
-    assert_eq!(one.get("/v1/assets/pump/streams")["items"][0]["next"], 0);
+    let mut again = open(&other);
+    assert_eq!(again.next, Some(0));
+    // It is created with its first sample.
+    assert_eq!(one.get("/v1/assets/pump/streams")["items"], json!([]));
+    send(&mut again, 0, 500, u64::MAX);
+    assert_eq!(one.get("/v1/assets/pump/streams")["items"][0]["next"], 500);
+    assert_eq!(one.try_send("DELETE", "/v1/assets/pump/stream", "", b"").unwrap().0, 204);
+    assert_eq!(again.receive().unwrap_err().0, 4409);
+    assert_eq!(other.get("/v1/assets/pump/streams")["items"], json!([]));
 }
 
 #[test]

@@ -198,13 +198,14 @@ fn a_view_ends_with_its_asset_and_needs_an_existing_stream() {
     service.post_json("/v1/assets", &asset()).expect(201);
     service.get(PATH).expect_problem(404, &["main"]);
     let mut socket = open(&service, "&name=end", &[]);
+    service.get(&format!("{PATH}?name=end")).expect_problem(404, &["end"]);
+    socket.send(0, 0, &frames(0, 1000));
+    socket.wait_for(1000);
     service.get("/v1/assets/fan/stream/live").expect_problem(404, &["fan"]);
     service.get(&format!("{PATH}?name=../up")).expect_problem(404, &["../up"]);
     service.get(&format!("{PATH}?channel=in")).expect_problem(400, &["channel"]);
     let mut events = EventStream::open_path(&service.url(""), &format!("{PATH}?name=end"), "");
-    // Opened before there were samples.
-    socket.send(0, 0, &frames(0, 4000));
-    assert_eq!(events.next().data["next"], 4000);
+    assert_eq!(events.next().data["next"], 1000);
     service.delete("/v1/assets/pump").expect(204);
     while events.next_or_end().is_some() {}
     // An asset of the same name has another stream.

@@ -38,6 +38,7 @@ mod segments;
 mod silence;
 mod simulations;
 mod sound_cards;
+mod stream_beginnings;
 mod stream_cuts;
 mod stream_tachometers;
 mod streams;

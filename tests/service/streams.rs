@@ -18,7 +18,8 @@ use crate::stream_socket::StreamSocket;
 use crate::tokens::Tokens;
 
 const RATE_HZ: u64 = 1000;
-const FORMAT: &str = "sample=i16&sample_rate_hz=1000&channels=2&scale=0.5&unit=m/s2&channel_names=in,out";
+pub(crate) const FORMAT: &str =
+    "sample=i16&sample_rate_hz=1000&channels=2&scale=0.5&unit=m/s2&channel_names=in,out";
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: i64 = 1_767_225_600_000_000_000;
 
@@ -27,17 +28,17 @@ fn count(index: u64, channel: u64) -> i16 {
     (index.wrapping_mul(2_654_435_761).wrapping_add(channel * 40_503) >> 7) as i16
 }
 
-fn frames(first: u64, count_of: u64) -> Vec<u8> {
+pub(crate) fn frames(first: u64, count_of: u64) -> Vec<u8> {
     let indices = first..first + count_of;
     indices.flat_map(|k| [count(k, 0), count(k, 1)]).flat_map(i16::to_le_bytes).collect()
 }
 
-fn time_ns(index: u64) -> i64 {
+pub(crate) fn time_ns(index: u64) -> i64 {
     BEGIN_NS + (index * 1_000_000_000 / RATE_HZ) as i64
 }
 
 /// Starts a service with an asset whose streams are cut into records of 2 s every 10 s.
-fn service() -> Service {
+pub(crate) fn service() -> Service {
     let service = Service::start();
     service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
     service
@@ -53,16 +54,16 @@ fn address(service: &Service, more: &str) -> String {
     service.url(&format!("/v1/assets/pump/stream?{FORMAT}{more}"))
 }
 
-fn open(service: &Service, more: &str) -> StreamSocket {
+pub(crate) fn open(service: &Service, more: &str) -> StreamSocket {
     StreamSocket::open(&address(service, more), &[]).unwrap()
 }
 
-fn status(service: &Service) -> Value {
+pub(crate) fn status(service: &Service) -> Value {
     service.get("/v1/assets/pump/stream").expect(200).json()
 }
 
 /// Waits for a number of records of a channel, and returns them in time order.
-fn records(service: &Service, channel: &str, number: usize) -> Vec<Value> {
+pub(crate) fn records(service: &Service, channel: &str, number: usize) -> Vec<Value> {
     let path = format!("/v1/assets/pump/segments?channel={channel}&limit=1000");
     let page = service.wait_for(&path, |page| page["items"].as_array().unwrap().len() >= number);
     let mut items = page["items"].as_array().unwrap().clone();
@@ -296,6 +297,11 @@ fn levels_are_stored_per_second_and_a_record_is_cut_on_demand() {
     let items = levels["items"].as_array().unwrap();
     assert_eq!((items.len(), &items[0]["time"]), (5, &json!("2026-01-01T00:00:02Z")));
     assert_eq!((&items[0]["rms"], &items[0]["peak"]), (&json!([4.0, 50.0]), &json!([4.0, 50.0])));
+    assert_eq!(levels["next_cursor"], Value::Null);
+    let cursor = time_ns(4000);
+    let rest = service.get(&format!("/v1/assets/pump/stream/levels?cursor={cursor}")).expect(200).json();
+    assert_eq!(rest["items"][0], items[2]);
+    service.get("/v1/assets/pump/stream/levels?cursor=x").expect_problem(400, &["cursor", "next_cursor"]);
     let kept = service.post("/v1/assets/pump/stream/keep?seconds=3", "", b"").expect(200).json();
     assert_eq!(kept, json!({ "start_time": "2026-01-01T00:00:04.5Z", "samples": 3000 }));
     let found = records(&service, "in", 2);

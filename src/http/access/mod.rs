@@ -202,7 +202,9 @@ fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
         _ if is_safe => Scope::Read,
         ["v1", "session" | "preview" | "csv-preview" | "recording-preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
-        ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
+        ["v1", "assets", _, "segments" | "stream"] | ["v1", "segments", _] if *method == Method::DELETE => {
+            Scope::Admin
+        }
         _ => Scope::Write,
     }
 }
@@ -287,6 +289,8 @@ mod tests {
             (Method::DELETE, "/v1/assets/a/", Scope::Admin),
             (Method::POST, "/v1/assets/a/segments", Scope::Write),
             (Method::DELETE, "/v1/assets/a/segments", Scope::Admin),
+            (Method::DELETE, "/v1/assets/a/stream", Scope::Admin),
+            (Method::DELETE, "/v1/assets/a/stream/campaign", Scope::Write),
             (Method::DELETE, "/v1/segments/b", Scope::Admin),
             (Method::POST, "/v1/replays", Scope::Write),
             (Method::GET, "/v1/tokens", Scope::Admin),

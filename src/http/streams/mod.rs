@@ -1,6 +1,7 @@
 //! Live streams: chunks in request bodies, status, and levels.
 
 pub(super) mod campaigns;
+pub(super) mod levels;
 pub(super) mod live_view;
 mod socket;
 mod views;
@@ -22,6 +23,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
 use super::access::TokenWatch;
+use super::access::issued_tokens::by;
 use super::access::session::Caller;
 use super::access::shares::{Client, Share};
 use super::app::App;
@@ -34,15 +36,12 @@ use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::{ServiceError, StreamProgress, StreamSender};
 use crate::store::StoreError;
-use views::{KeptView, LevelList, LevelView, StreamList, StreamView};
+use views::{KeptView, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
 
 /// Bytes of a body processed at a time.
 const CHUNK_BYTES: usize = 1 << 20;
-
-/// Maximum number of seconds of levels per answer.
-const MAX_LEVELS: usize = 100_000;
 
 /// Interval at which the token and the asset of a stream are checked.
 const CHECK_INTERVAL: Duration = Duration::from_secs(2);
@@ -105,19 +104,6 @@ fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::E
 pub(super) struct StreamName {
     /// The stream's name, default `main`.
     name: Option<String>,
-}
-
-/// The requested levels.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(super) struct LevelParameters {
-    /// The stream's name, default `main`.
-    name: Option<String>,
-    /// Start of the time range.
-    from: Option<Timestamp>,
-    /// End of the time range.
-    to: Option<Timestamp>,
 }
 
 /// The samples to store as a record.
@@ -254,12 +240,12 @@ pub(super) async fn send(
     if media_type.as_deref() != Some(RAW) {
         return Err(body::unsupported(media_type.as_deref(), RAW));
     }
+    let missing = || Problem::query("first_index", "missing", "an index, required with after_gap");
+    let after_gap = params.after_gap.then(|| params.first_index.ok_or_else(missing)).transpose()?;
+    let mut start_time_ns = params.start_time.map(nanoseconds).transpose()?;
     let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
     let mut gaps = Vec::new();
-    if params.after_gap {
-        let first = params
-            .first_index
-            .ok_or_else(|| Problem::query("first_index", "missing", "an index, required with after_gap"))?;
+    if let Some(first) = after_gap {
         gaps.extend(sender.give_up_before(first).await?.gaps);
     }
     let mut body = BodyChunks {
@@ -270,7 +256,6 @@ pub(super) async fn send(
         rest: BytesMut::new(),
     };
     let mut first = params.first_index.or(sender.next()).unwrap_or(0);
-    let mut start_time = params.start_time;
     let mut over = app.service.streams.follow_end();
     let mut token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
     let mut checked_at = Instant::now();
@@ -289,16 +274,20 @@ pub(super) async fn send(
         }
         let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
         let mut chunk: Chunk = sender.received_now(first, bytes);
-        if let Some(time) = start_time.take() {
-            chunk.time_ns = i64::try_from(time.as_nanosecond()).ok();
-        } else if params.start_time.is_some() {
+        if params.start_time.is_some() {
             // the sender's clock determines the time
-            chunk.time_ns = None;
+            chunk.time_ns = start_time_ns.take();
         }
         gaps.extend(sender.take(vec![chunk]).await?.gaps);
         first += frames;
     }
     Ok(Json(StreamProgress { next: sender.next(), gaps }))
+}
+
+/// The start time of samples in nanoseconds.
+fn nanoseconds(time: Timestamp) -> Result<i64, Problem> {
+    let expected = "a time from 1677-09-21T00:12:44Z to 2262-04-11T23:47:16Z";
+    i64::try_from(time.as_nanosecond()).map_err(|_| Problem::content("start_time", time, expected))
 }
 
 /// Checks whether a stream may continue, and reloads its record settings.
@@ -376,38 +365,26 @@ pub(super) async fn list(
     Ok(Json(StreamList { items: streams.into_iter().map(StreamView::from).collect() }))
 }
 
-/// Levels of a live stream
+/// Remove a live stream
 ///
-/// RMS and peak of each second, including those without records; kept for days to weeks.
+/// Only what is stored as records stays. A connection that sends the stream is closed.
 #[utoipa::path(
-    get,
-    path = "/v1/assets/{asset}/stream/levels",
+    delete,
+    path = "/v1/assets/{asset}/stream",
     tag = "streams",
-    params(LevelParameters),
-    responses((status = 200, body = LevelList)),
+    params(StreamName),
+    responses((status = 204, description = "Removed"), (status = 404, description = "There is no such stream")),
 )]
-pub(super) async fn levels(
+pub(super) async fn remove(
     State(app): State<App>,
     AssetPath(asset): AssetPath,
-    Parameters(params): Parameters<LevelParameters>,
-) -> Result<Json<LevelList>, Problem> {
-    let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
-        time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
-    };
-    let (from_ns, to_ns) = (nanoseconds(params.from, i64::MIN), nanoseconds(params.to, i64::MAX));
+    Parameters(params): Parameters<StreamName>,
+    caller: Option<Extension<Caller>>,
+) -> Result<StatusCode, Problem> {
     let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
-    let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
-    let number = |value: f32| value.is_finite().then(|| f64::from(value));
-    let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
-        Some(LevelView {
-            time: Timestamp::from_nanosecond(row.time_ns.into()).ok()?,
-            first: row.level.first,
-            samples: row.level.frames,
-            rms: row.level.channels.iter().map(|channel| number(channel.rms)).collect(),
-            peak: row.level.channels.iter().map(|channel| number(channel.peak)).collect(),
-        })
-    });
-    Ok(Json(LevelList { items: items.collect() }))
+    app.service.streams.remove_stream(&asset, name).await?;
+    tracing::info!(%asset, name, by = by(caller.as_deref()), "removed stream");
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Store the last seconds of a live stream as a record

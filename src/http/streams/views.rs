@@ -35,8 +35,10 @@ pub(crate) struct StreamView {
     gap_samples: u64,
     /// Records made from it; those of all channels count as one.
     records: u64,
-    /// Records that were refused; see the log.
+    /// Records that were refused.
     records_refused: u64,
+    /// Why the last of them was refused.
+    last_refusal: Option<String>,
     /// Records cut but not stored yet.
     records_waiting: u64,
     /// Bytes of its samples on disk, without records.
@@ -86,6 +88,8 @@ pub(crate) struct LevelView {
 pub(crate) struct LevelList {
     /// The seconds in order, at most 100 000.
     pub(crate) items: Vec<LevelView>,
+    /// The `cursor` of the next page; none on the last one.
+    pub(crate) next_cursor: Option<String>,
 }
 
 /// A record made of the last samples.
@@ -121,6 +125,7 @@ impl From<StreamStatus> for StreamView {
             gap_samples: status.gap_samples,
             records: status.records,
             records_refused: status.records_refused,
+            last_refusal: status.last_refusal,
             records_waiting: status.records_waiting,
             journal_bytes: status.journal_bytes,
             campaign: status.campaign,

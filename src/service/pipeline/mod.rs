@@ -171,7 +171,7 @@ impl Pipeline {
     }
 
     /// The latest start time that is accepted for a record received at a given time.
-    fn latest(&self, received_at: Timestamp) -> Timestamp {
+    pub(crate) fn latest(&self, received_at: Timestamp) -> Timestamp {
         received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
     }
 

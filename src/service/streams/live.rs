@@ -5,9 +5,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
+use super::beginning::Beginning;
 use super::feed::LiveFeed;
 use super::frame::{LatestSamples, frames_of};
-use super::place::StreamPlace;
+use super::place::{StreamPlace, random, too_many};
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
@@ -59,7 +60,9 @@ impl LiveStream {
 
     /// Makes another connection the sender; returns its number.
     pub(super) fn take_over(&self) -> u64 {
-        self.owner.send_modify(|owner| *owner += 1);
+        // Other processes number theirs too.
+        let is_shared = self.place.is_shared();
+        self.owner.send_modify(|owner| *owner = if is_shared { random() as u64 } else { *owner + 1 });
         *self.owner.borrow()
     }
 
@@ -183,20 +186,45 @@ impl LiveStream {
         self.with(|stored| work(stored.as_mut().ok_or_else(|| self.unknown())?))
     }
 
-    /// Runs `work` for a sender, who knows the stream unless another one has replaced it.
+    /// Runs `work` for a sender, who knows the stream unless another one has replaced it. The stream is created
+    /// first if it is at its `beginning`.
     pub(super) fn with_sent<T>(
         &self,
         owner: u64,
+        beginning: Option<Beginning>,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError>,
     ) -> Result<T, ServiceError> {
         self.with_known(|stored| {
-            let stored = stored.as_mut().ok_or_else(|| self.unknown())?;
             // Checked under the lock: a new sender starts with the samples stored at that time.
-            if *self.owner.borrow() != owner || stored.state().sender.is_some_and(|sender| sender != owner) {
+            if *self.owner.borrow() != owner {
+                return Err(ServiceError::StreamTaken);
+            }
+            if let Some(beginning) = beginning.filter(|_| stored.is_none()) {
+                *stored = Some(self.create(beginning, owner)?);
+            }
+            let stored = stored.as_mut().ok_or_else(|| self.unknown())?;
+            if stored.state().sender.is_some_and(|sender| sender != owner) {
                 return Err(ServiceError::StreamTaken);
             }
             work(stored)
         })
+    }
+
+    /// Creates the stream; error: another process has done so in the meantime.
+    fn create(&self, beginning: Beginning, owner: u64) -> Result<StoredStream, ServiceError> {
+        // Others may have begun since this one was opened.
+        if !self.place.has_room() {
+            return Err(too_many(&self.name));
+        }
+        let Beginning { asset_created_at, format, first } = beginning;
+        let mut stored = StoredStream::create(&self.place, asset_created_at, format, first)?;
+        if self.place.is_shared() {
+            if stored.state().sender.is_some() {
+                return Err(ServiceError::StreamTaken);
+            }
+            stored.begin_sending(owner)?;
+        }
+        Ok(stored)
     }
 
     /// Whether the stream is in memory or in use.
@@ -259,12 +287,9 @@ impl LiveStream {
             }
             let Some(bytes) = stored.bytes_of(pending.cut, pending.lead)? else {
                 let (first, frames) = (pending.cut.first, pending.cut.frames);
-                tracing::error!(
-                    first,
-                    frames,
-                    "skipped a record of a stream: its samples are missing in the journal"
-                );
-                stored.finish_record(&pending, true)?;
+                let refusal = "its samples are missing in the journal";
+                tracing::error!(first, frames, "skipped a record of a stream: {refusal}");
+                stored.finish_record(&pending, Some(refusal.to_owned()))?;
                 return Err(RecordingError::NoBytes.into());
             };
             let tachometer = stored.state().tachometer_of(pending.cut);
@@ -327,7 +352,7 @@ mod tests {
         let stream = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), place);
         let policy = CutPolicy::new(2.0, 10.0, 100.0).unwrap().into();
         let take = |first| {
-            let taken = stream.with_sent(0, |stored| stored.take(vec![chunk(first)], &policy)).unwrap();
+            let taken = stream.with_sent(0, None, |stored| stored.take(vec![chunk(first)], &policy)).unwrap();
             (taken.next, taken.gaps.len())
         };
         assert_eq!(take(100), (Some(0), 0));

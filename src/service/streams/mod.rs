@@ -5,6 +5,7 @@
 //! process of a shared store does: a record that was cut is the same record then, with the same identifier,
 //! and is stored once.
 
+mod beginning;
 mod campaigns;
 mod capture;
 mod cutting;
@@ -41,12 +42,13 @@ use super::workers::{Workers, blocking};
 use crate::asset::AssetId;
 use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
+use beginning::Beginning;
 pub use campaigns::CampaignStatus;
 use cutting::{Cutting, check_bytes};
 pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::LiveStream;
-use place::{MAX_OF_ASSET, SharedRows, StreamPlaces, check_name, random, streams_in, too_many};
+use place::{SharedRows, StreamPlaces, check_name, random, streams_in, too_many};
 pub use sender::StreamSender;
 use stored::StoredStream;
 pub use stored::{StreamGap, StreamProgress};
@@ -100,6 +102,8 @@ pub struct StreamStatus {
     pub records: u64,
     /// Number of cuts whose records were refused.
     pub records_refused: u64,
+    /// Why the records of the last refused cut were refused.
+    pub last_refusal: Option<String>,
     /// Number of cuts that are not stored yet.
     pub records_waiting: u64,
     /// Bytes of the journal on the disk.
@@ -128,8 +132,9 @@ impl Streams {
         Arc::new(Self { store, workers, pipeline, clock, places, events, all, records_at_once, is_over })
     }
 
-    /// Opens a stream for sending, a new one or an existing one. A previous sender is notified that it has
-    /// been replaced. `first` is the index at which a new stream starts; by default that of its first sample.
+    /// Opens a stream for sending, a new one or an existing one. A new one is created with its first sample. A
+    /// previous sender is notified that it has been replaced. `first` is the index at which a new stream starts;
+    /// by default that of its first sample.
     ///
     /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
     /// large; the asset has too many streams; the stream may be that of an asset which the database has lost.
@@ -146,7 +151,7 @@ impl Streams {
         let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
         let is_held = self.store.removal_hold().is_some();
-        let (next, owner) = blocking("open a stream", move || {
+        let (next, owner, beginning, is_timed) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     if is_held {
@@ -156,11 +161,9 @@ impl Streams {
                     *stored = None;
                     opened.place.remove()?;
                 }
-                let stored = match stored {
-                    Some(stored) => stored,
-                    None => {
-                        stored.insert(StoredStream::create(&opened.place, created_at, wanted.clone(), first)?)
-                    }
+                let Some(stored) = stored else {
+                    let beginning = Beginning { asset_created_at: created_at, format: wanted.clone(), first };
+                    return Ok((first, opened.take_over(), Some(beginning), false));
                 };
                 if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
                     let (asset, name) = (opened.asset.clone(), opened.name.clone());
@@ -174,13 +177,14 @@ impl Streams {
                     opened.take_over()
                 };
                 stored.drop_waiting_chunks();
-                Ok((stored.state().next, owner))
+                Ok((stored.state().next, owner, None, stored.is_timed()))
             })
         })
         .await??;
         self.cut_in_background(&stream);
         let pending = stream.follow_pending();
-        Ok(StreamSender { streams: Arc::clone(self), stream, owner, cutting, format, next, pending })
+        let streams = Arc::clone(self);
+        Ok(StreamSender { streams, stream, owner, cutting, format, next, beginning, is_timed, pending })
     }
 
     /// The status of each stream of an asset, sorted by name.
@@ -244,6 +248,18 @@ impl Streams {
         Ok((kept.start_time, kept.cut.frames))
     }
 
+    /// Removes a stream with its samples that are not part of a stored record.
+    ///
+    /// Error: [`ServiceError::StreamUnknown`].
+    pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), ServiceError> {
+        self.status(asset, name).await?;
+        let stream = self.find(asset, name).await?;
+        if self.places.shared().is_some() {
+            self.store.remove_stream(asset, name).await?;
+        }
+        self.remove_from_memory(vec![stream], false).await
+    }
+
     /// Removes the streams of a deleted asset.
     pub(crate) async fn remove(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let gone: Vec<Arc<LiveStream>> = {
@@ -256,7 +272,11 @@ impl Streams {
     /// Removes streams whose asset does not exist. Their folders are kept while removals are suspended: a
     /// database that was lost or is older than the raw recordings proves nothing about an asset.
     async fn remove_each(&self, gone: Vec<Arc<LiveStream>>) -> Result<(), ServiceError> {
-        let is_held = self.store.removal_hold().is_some();
+        self.remove_from_memory(gone, self.store.removal_hold().is_some()).await
+    }
+
+    /// Removes streams from memory, and their folders unless these are held.
+    async fn remove_from_memory(&self, gone: Vec<Arc<LiveStream>>, is_held: bool) -> Result<(), ServiceError> {
         let remove = move || {
             for stream in gone {
                 stream.remove(is_held)?;
@@ -388,12 +408,12 @@ impl Streams {
         if let Some(stream) = all.get(&key).filter(|stream| !stream.is_removed()) {
             return Ok(Arc::clone(stream));
         }
-        // The rows of a shared store are counted when the stream is created.
-        if self.places.shared().is_none() && all.keys().filter(|(of, _)| of == asset).count() >= MAX_OF_ASSET
-        {
+        let place = self.places.of(asset, name);
+        if !place.has_room() {
             return Err(too_many(name));
         }
-        let place = self.places.of(asset, name);
+        // Those that were opened and never sent, or that are removed.
+        all.retain(|(of, _), stream| of != asset || Arc::strong_count(stream) > 1 || stream.place.exists());
         let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), place));
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
@@ -414,6 +434,7 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, Se
         gap_samples: state.gap_samples,
         records: state.records,
         records_refused: state.refused,
+        last_refusal: state.last_refusal.clone(),
         records_waiting: state.pending.len() as u64,
         journal_bytes: stored.journal_bytes()?,
         campaign: CampaignStatus::of(state),

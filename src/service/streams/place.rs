@@ -13,7 +13,7 @@ use crate::service::error::ServiceError;
 use crate::store::{Disk, Store};
 
 /// Maximum number of streams of one asset.
-pub(super) const MAX_OF_ASSET: usize = 16;
+const MAX_OF_ASSET: usize = 16;
 
 /// Where the streams of a service are.
 #[derive(Debug, Clone)]
@@ -93,6 +93,22 @@ impl StreamPlace {
     /// Whether other processes use the stream too.
     pub(super) fn is_shared(&self) -> bool {
         matches!(self, Self::Shared { .. })
+    }
+
+    /// Whether there is a stream; true if that is not known.
+    pub(super) fn exists(&self) -> bool {
+        match self {
+            Self::Folder { folder, .. } => folder.exists(),
+            Self::Shared { .. } => true,
+        }
+    }
+
+    /// Whether the stream exists, or the asset may have one more. The rows of a shared store are counted when
+    /// the stream is created.
+    pub(super) fn has_room(&self) -> bool {
+        let Self::Folder { folder, .. } = self else { return true };
+        let others = folder.parent().and_then(|asset| std::fs::read_dir(asset).ok());
+        folder.exists() || others.map_or(0, Iterator::count) < MAX_OF_ASSET
     }
 
     /// Removes the stream. Rows are removed with their asset.

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use tokio::sync::watch;
 
+use super::beginning::Beginning;
 use super::cutting::Cutting;
 use super::live::LiveStream;
 use super::stored::{StoredStream, StreamProgress};
@@ -12,6 +14,7 @@ use super::{MAX_PENDING, Streams};
 use crate::recording::RecordingError;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::error::ServiceError;
+use crate::service::record::check_time;
 use crate::service::workers::blocking;
 use crate::signal::OperatingPoint;
 
@@ -23,6 +26,10 @@ pub struct StreamSender {
     pub(super) cutting: Arc<Cutting>,
     pub(super) format: StreamFormat,
     pub(super) next: Option<u64>,
+    /// How the stream begins, until it is created with its first sample.
+    pub(super) beginning: Option<Beginning>,
+    /// Whether the time of the stream's samples is known.
+    pub(super) is_timed: bool,
     pub(super) pending: watch::Receiver<usize>,
 }
 
@@ -49,8 +56,16 @@ impl StreamSender {
     /// pipeline, which slows down the sender.
     ///
     /// Errors: [`ServiceError::StreamTaken`]; an invalid chunk, in which case the chunks before it are
-    /// stored.
-    pub async fn take(&mut self, chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
+    /// stored; the first time of the stream is too far ahead of the clock.
+    pub async fn take(&mut self, mut chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
+        if let Some(beginning) = &self.beginning {
+            chunks.retain(|chunk| !chunk.bytes.is_empty());
+            let Some(first) = chunks.first() else {
+                return Ok(StreamProgress { next: self.next, gaps: Vec::new() });
+            };
+            beginning.assembler().push(first.clone())?;
+        }
+        self.check_start(&chunks)?;
         let (mut owner, mut over) = (self.stream.follow_owner(), self.streams.follow_end());
         let mine = self.owner;
         tokio::select! {
@@ -67,6 +82,9 @@ impl StreamSender {
     ///
     /// Errors: as those of [`take`](Self::take).
     pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
+        if let Some(beginning) = &self.beginning {
+            beginning.assembler().declare_lost_before(index)?;
+        }
         let cutting = Arc::clone(&self.cutting);
         self.write(move |stored| stored.give_up_before(index, &cutting)).await
     }
@@ -104,9 +122,13 @@ impl StreamSender {
         if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {
             self.cutting = Arc::new(cutting);
         }
-        if self.stream.place.is_shared() {
+        if self.stream.place.is_shared() && self.beginning.is_none() {
             let stream = Arc::clone(&self.stream);
-            blocking("access a stream", move || stream.with_stored(|_| Ok(()))).await??;
+            match blocking("access a stream", move || stream.with_stored(|_| Ok(()))).await? {
+                // Another process has removed it.
+                Err(ServiceError::StreamUnknown { .. }) => return Err(ServiceError::StreamTaken),
+                read => read?,
+            }
             if !self.stream.is_owner(self.owner) {
                 return Err(ServiceError::StreamTaken);
             }
@@ -114,19 +136,28 @@ impl StreamSender {
         Ok(())
     }
 
+    /// Checks the time that starts the stream: with one far ahead, all its records would be refused.
+    fn check_start(&self, chunks: &[Chunk]) -> Result<(), ServiceError> {
+        let timed = chunks.iter().filter(|_| !self.is_timed).filter(|chunk| chunk.time_ns.is_some());
+        let time_ns = timed.min_by_key(|chunk| chunk.first).and_then(|chunk| chunk.time_ns);
+        let start_time = time_ns.and_then(|time_ns| Timestamp::from_nanosecond(time_ns.into()).ok());
+        let latest = self.streams.pipeline.latest(self.streams.clock.now());
+        start_time.map_or(Ok(()), |start_time| check_time(start_time, latest))
+    }
+
     async fn write<T: Send + 'static>(
         &mut self,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let (stream, owner) = (Arc::clone(&self.stream), self.owner);
+        let (stream, owner, beginning) = (Arc::clone(&self.stream), self.owner, self.beginning.clone());
         let write = move || {
-            stream.with_sent(owner, |stored| {
+            stream.with_sent(owner, beginning, |stored| {
                 let done = work(stored)?;
-                Ok((done, stored.state().next))
+                Ok((done, stored.state().next, stored.is_timed()))
             })
         };
-        let (done, next) = blocking("write a stream", write).await??;
-        self.next = next;
+        let (done, next, is_timed) = blocking("write a stream", write).await??;
+        (self.next, self.is_timed, self.beginning) = (next, is_timed, None);
         self.streams.cut_in_background(&self.stream);
         Ok(done)
     }

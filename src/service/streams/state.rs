@@ -31,6 +31,9 @@ pub(crate) struct StreamState {
     pub(crate) gap_samples: u64,
     pub(crate) records: u64,
     pub(crate) refused: u64,
+    /// Why the last refused record was refused.
+    #[serde(default)]
+    pub(crate) last_refusal: Option<String>,
     pub(super) cutter: StreamCutter,
     meter: LevelMeter,
     operating_point: OperatingPoint,
@@ -78,6 +81,8 @@ pub(super) enum Note {
     Done {
         first: u64,
         is_refused: bool,
+        #[serde(default)]
+        refusal: Option<String>,
     },
     /// The operating point changed within the bounds of a steady machine.
     OperatingPoint(OperatingPoint),
@@ -113,6 +118,7 @@ impl StreamState {
             gap_samples: 0,
             records: 0,
             refused: 0,
+            last_refusal: None,
             cutter: StreamCutter::default(),
             meter: LevelMeter::default(),
             operating_point: OperatingPoint::default(),
@@ -173,13 +179,14 @@ impl StreamState {
                 self.steadiness.note_cut(bin, next_from);
                 self.take_cut(pending);
             }
-            Note::Done { first, is_refused } => {
+            Note::Done { first, is_refused, refusal } => {
                 // Another record may start with the same sample; they are stored in order.
                 if let Some(done) = self.pending.iter().position(|pending| pending.cut.first == first) {
                     self.pending.remove(done);
                 }
                 self.records += u64::from(!is_refused);
                 self.refused += u64::from(is_refused);
+                self.last_refusal = refusal.or(self.last_refusal.take());
             }
             Note::OperatingPoint(point) => self.operating_point = point,
             Note::Moved(point) => {

@@ -25,7 +25,7 @@ use crate::signal::OperatingPoint;
 use crate::store::{Disk, JournalEntry, StreamJournal, StreamLevels, TimedLevel};
 
 /// Seconds by which chunks may arrive ahead of earlier ones.
-const REORDER_S: f64 = 2.0;
+pub(super) const REORDER_S: f64 = 2.0;
 
 /// Maximum number of bytes of samples in one entry of the journal, which are read back up to 9 MiB.
 const ENTRY_BYTES: usize = 4 << 20;
@@ -141,6 +141,11 @@ impl StoredStream {
         if assembler.next() == self.state.next {
             self.assembler = assembler;
         }
+    }
+
+    /// Whether the time of its samples is known.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.state.clock.time_ns(0).is_some()
     }
 
     pub(crate) fn state(&self) -> &StreamState {
@@ -316,15 +321,16 @@ impl StoredStream {
         })
     }
 
-    /// Marks a pending record as stored or refused, unless another process has.
+    /// Marks a pending record as stored, or as refused for a reason, unless another process has.
     pub(crate) fn finish_record(
         &mut self,
         pending: &PendingCut,
-        is_refused: bool,
+        refusal: Option<String>,
     ) -> Result<(), ServiceError> {
+        let note = Note::Done { first: pending.cut.first, is_refused: refusal.is_some(), refusal };
         self.change(Author::Other, |draft| {
             if draft.state.pending.contains(pending) {
-                draft.note(&Note::Done { first: pending.cut.first, is_refused });
+                draft.note(&note);
             }
         })
     }

@@ -99,8 +99,8 @@ impl Streams {
         };
         let pending = record.pending.clone();
         let first = pending.cut.first;
-        let is_refused = match self.store_record(&stream.asset, record).await {
-            Ok(()) => false,
+        let refusal = match self.store_record(&stream.asset, record).await {
+            Ok(()) => None,
             Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
                 self.remove_each(vec![Arc::clone(stream)]).await?;
                 return Ok(Attempt::NonePending);
@@ -112,12 +112,12 @@ impl Streams {
             ) => {
                 let (asset, name) = (&stream.asset, &stream.name);
                 tracing::warn!(%asset, name, first, %error, "skipped an invalid record of a stream");
-                true
+                Some(error.to_string())
             }
             Err(error) => return Err(error),
         };
         let writer = Arc::clone(stream);
-        let done = move || writer.with_stored(|stored| stored.finish_record(&pending, is_refused));
+        let done = move || writer.with_stored(|stored| stored.finish_record(&pending, refusal));
         match blocking("write a stream", done).await? {
             Err(ServiceError::StreamUnknown { .. }) => Ok(Attempt::NonePending),
             done => done.map(|()| Attempt::Stored),

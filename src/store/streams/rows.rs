@@ -140,6 +140,16 @@ impl Store {
         Ok(row.is_some())
     }
 
+    /// Removes a stream; a missing one is no error.
+    pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), StoreError> {
+        sqlx::query("DELETE FROM streams WHERE asset_id = $1 AND name = $2")
+            .bind(asset.as_str())
+            .bind(name)
+            .execute(self.write()?)
+            .await?;
+        Ok(())
+    }
+
     /// A stream with the number and the state of its checkpoint.
     pub async fn stream_checkpoint(
         &self,

@@ -31,7 +31,7 @@ pub(super) fn asset() -> Value {
 /// What is known about the stream.
 #[derive(Default)]
 pub(super) struct KnownStream {
-    /// Whether it was acknowledged.
+    /// Whether a sample was acknowledged.
     exists: bool,
     /// All samples before this index were acknowledged.
     next: u64,
@@ -51,8 +51,13 @@ impl KnownStream {
         let id = id();
         let status = life.service().streams.status(&id, NAME);
         let waiting = life.block_on(life.disk.unless_stopped(status)).transpose();
-        // The sender would wait.
-        if !waiting.is_ok_and(|status| status.is_some_and(|status| status.records_waiting < MAX_WAITING)) {
+        let may_send = match waiting {
+            Ok(Some(status)) => status.records_waiting < MAX_WAITING,
+            // It is created with its first sample.
+            Err(ServiceError::StreamUnknown { .. }) => true,
+            _ => false,
+        };
+        if !may_send {
             return;
         }
         let count = random.random_range(1..3 * RECORD_SAMPLES / 2);
@@ -68,7 +73,7 @@ impl KnownStream {
             _ if life.disk.is_stopped() => {}
             Some(Ok(progress)) => {
                 assert_eq!(progress.next, Some(self.next + count));
-                self.next += count;
+                (self.exists, self.next) = (true, self.next + count);
             }
             // The next step opens it again.
             Some(Err(_)) | None => self.sender = None,
@@ -89,7 +94,7 @@ impl KnownStream {
     fn take_next(&mut self, next: Option<u64>) {
         let next = next.unwrap_or(0);
         assert!((self.next..=self.sent).contains(&next), "{next}, not {} to {}", self.next, self.sent);
-        (self.exists, self.next) = (true, next);
+        (self.exists, self.next) = (self.exists || next > 0, next);
     }
 
     /// The connection ends with the process.

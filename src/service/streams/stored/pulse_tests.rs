@@ -117,7 +117,7 @@ fn the_second_before_a_long_record_is_kept() {
             let first = (pending.cut.first - pending.lead) / 10_000;
             assert_eq!(bytes.unwrap()[0], first as u8);
             assert_eq!(pending.lead, if pending.cut.first == 0 { 0 } else { 10_000 });
-            stream.finish_record(&pending, false).unwrap();
+            stream.finish_record(&pending, None).unwrap();
         }
     }
     assert_eq!(stream.state.records, 3);

@@ -98,7 +98,7 @@ fn only_samples_needed_by_records_are_kept() {
         if k >= 60 {
             while let Some(pending) = stream.state.pending.front().cloned() {
                 assert!(stream.bytes_of(pending.cut, 0).unwrap().is_some());
-                stream.finish_record(&pending, false).unwrap();
+                stream.finish_record(&pending, None).unwrap();
             }
             most = most.max(stream.journal_bytes().unwrap());
         }
@@ -157,10 +157,10 @@ fn a_stream_that_moves_between_processes_has_the_records_of_one() {
         }
         if k % 120 == 119 {
             let pending = whole.state.pending.front().cloned().unwrap();
-            whole.finish_record(&pending, false).unwrap();
+            whole.finish_record(&pending, None).unwrap();
             // Stored by both: it counts once.
-            first.finish_record(&pending, false).unwrap();
-            second.finish_record(&pending, false).unwrap();
+            first.finish_record(&pending, None).unwrap();
+            second.finish_record(&pending, None).unwrap();
         }
     }
     let read = StoredStream::open(&places[0]).unwrap().unwrap();
