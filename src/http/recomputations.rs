@@ -15,7 +15,7 @@ use crate::service::Recomputation;
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
     /// Only those of this asset.
-    asset: Option<String>,
+    asset: Option<AssetId>,
 }
 
 /// The last recomputation of each channel since the start.
@@ -36,7 +36,6 @@ pub(super) struct RecomputationList {
     responses(
         (status = 200, body = RecomputationList),
         (status = 404, description = "Asset not found"),
-        (status = 422, description = "Invalid asset id"),
     ),
 )]
 pub(super) async fn list(
@@ -44,7 +43,7 @@ pub(super) async fn list(
     Parameters(params): Parameters<ListParameters>,
 ) -> Result<Json<RecomputationList>, Problem> {
     let asset = match params.asset {
-        Some(id) => Some(app.service.store.asset(&AssetId::new(id)?).await?.spec.id),
+        Some(id) => Some(app.service.store.asset(&id).await?.spec.id),
         None => None,
     };
     let shown = app.service.history.recomputations(asset.as_ref());

@@ -35,6 +35,18 @@ fn an_invalid_path_method_type_or_parameter_is_answered_with_a_problem() {
     service.get("/v1/segments/0123").expect_problem(404, &["0123"]);
     service.get("/v1/libraries/none").expect_problem(404, &["none"]);
     service.get("/v1/libraries/..%2Fsecret").expect_problem(404, &[]);
+    service.get(&format!("/v1/libraries/{}", "a".repeat(300))).expect_problem(404, &["library"]);
+    for (query, field, expected) in [
+        ("assets?limit=-1", "limit", "a whole number"),
+        ("assets/pump/segments?from=yesterday", "from", "a time"),
+        ("assets/pump/segments?order=random", "order", "asc"),
+        ("assets/pump/indicators?operating_bin=full", "operating_bin", "operating_bins"),
+        ("recomputations?asset=NONE", "asset", "a-z"),
+        ("alarms?asset=NONE", "asset", "a-z"),
+    ] {
+        let problem = service.get(&format!("/v1/{query}")).expect_problem(400, &[field, expected]);
+        assert_eq!(problem["field"], field, "{problem}");
+    }
     service.get("/v1/replays/77").expect_problem(404, &["77"]);
     service.post("/v1/assets/none/segments", "audio/wav", &wav(&[samples(1)])).expect_problem(404, &["none"]);
 }
@@ -113,7 +125,33 @@ fn invalid_records_are_rejected_and_not_stored() {
 fn malformed_json_and_invalid_fields_have_different_statuses() {
     let service = Service::start();
     service.post("/v1/assets", "application/json", b"{\"id\": ").expect_problem(400, &["line 1"]);
-    service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &[]);
+    service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &["an array"]);
+    service.post("/v1/tokens", "application/json", br#"["x", "admin"]"#).expect_problem(422, &["an array"]);
+    service.plain_asset("pump");
+    for (record, field, words) in [
+        (json!(["a"]), None, "an object"),
+        (json!({ "sample_rate_hz": "1", "samples": [1] }), Some("sample_rate_hz"), "expected a number"),
+        (json!({ "sample_rate_hz": 1e308, "samples": [1] }), Some("sample_rate_hz"), "is 1e308, expected"),
+        (json!({ "sample_rate_hz": 1, "samples": [1, "x"] }), Some("samples[1]"), "expected a number"),
+        (json!({ "sample_rate_hz": 1, "samples": [] }), Some("samples"), "no samples"),
+        (json!({ "sample_rate_hz": 1, "samples": [1], "volume": 3 }), Some("volume"), "unknown field"),
+        (
+            json!({ "sample_rate_hz": 1, "samples": [1],
+                "tachometer": { "pulse_time_ns": [1, 2], "pulses_per_revolution": 0 } }),
+            Some("tachometer.pulses_per_revolution"),
+            "at least 1",
+        ),
+        (
+            json!({ "sample_rate_hz": 1, "samples": [1],
+                "tachometer": { "pulse_time_ns": [2, 1], "pulses_per_revolution": 1 } }),
+            Some("tachometer.pulse_time_ns"),
+            "ascending",
+        ),
+    ] {
+        let problem = service.post_json("/v1/assets/pump/segments", &record).expect_problem(422, &[words]);
+        assert_eq!(problem["field"].as_str(), field, "{problem}");
+        assert!(!problem.to_string().contains("f64"), "{problem}");
+    }
     service
         .post("/v1/replays", "application/json", b"{\"asset\": \"a\", \"file\": \"f\", \"pace\": \"slow\"}")
         .expect_problem(422, &["slow"]);

@@ -95,6 +95,7 @@ pub(super) async fn trend(
     let check = |known: &BTreeMap<String, Vec<f64>>| {
         check_names(names.as_deref().unwrap_or_default(), known, &asset.spec)
     };
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let Some(channel) = channel else {
         check(&BTreeMap::new())?;
         return table::answer(tag, format, TrendView::default(), table_of);
@@ -102,7 +103,6 @@ pub(super) async fn trend(
     let trend = app.service.store.trend(&channel).await?;
     check(&trend.indicators)?;
     let names = names.unwrap_or_else(|| trend.indicators.keys().cloned().collect());
-    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
         let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
         render(&trend, &asset.spec, &names, &selection, max_points)

@@ -16,6 +16,9 @@ use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::service::ServiceError;
 use crate::signal::{Features, Indicators};
 
+/// No identifier of a library is longer; a file's name may have 255 bytes.
+const MAX_ID_BYTES: usize = 128;
+
 /// List libraries of simulated wear states
 #[utoipa::path(
     get,
@@ -172,7 +175,9 @@ pub(super) async fn state(
 pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     let unknown = || Problem::not_found(format!("library {id:?} not found"));
     // the id becomes a file name
-    if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
+    if id.len() > MAX_ID_BYTES
+        || !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
+    {
         return Err(unknown());
     }
     let (cache, name) = (app.service.simulations.cache(), id.to_string());

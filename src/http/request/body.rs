@@ -11,7 +11,7 @@ use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::Bytes;
 use futures_util::FutureExt;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
@@ -295,8 +295,13 @@ impl Drop for SpooledBody {
     }
 }
 
-/// Parses JSON bytes: 400 if they are not JSON, 422 if they do not match the type.
+/// Parses a JSON object: 400 if the bytes are not JSON, 422 if they do not match the type.
 pub(crate) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    // Types would take the elements of an array as their fields in order.
+    if bytes.trim_ascii_start().starts_with(b"[") && serde_json::from_slice::<IgnoredAny>(bytes).is_ok() {
+        let detail = "invalid body: an array, expected an object with named fields";
+        return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, detail));
+    }
     serde_json::from_slice(bytes).map_err(|error| json_error::problem::<T>(bytes, &error))
 }
 
@@ -323,5 +328,21 @@ async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
                 ));
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_array_is_not_taken_for_an_object() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Named {
+            name: String,
+        }
+        let problem = from_json::<Named>(br#" ["x"]"#).unwrap_err();
+        assert!(problem.detail().contains("an array, expected an object"), "{}", problem.detail());
+        assert_eq!(from_json::<Named>(br#" {"name": "x"}"#).unwrap().name, "x");
     }
 }

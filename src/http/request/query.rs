@@ -2,8 +2,8 @@
 
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{FromRequestParts, Path, Query};
-use axum::http::StatusCode;
 use axum::http::request::Parts;
+use axum::http::{StatusCode, Uri};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -29,12 +29,53 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Parameters<T> 
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let parsed: Result<Query<T>, QueryRejection> = Query::from_request_parts(parts, state).await;
-        parsed.map(|Query(value)| Self(value)).map_err(|rejection| {
-            let message = rejection.body_text();
-            let cause = message.rsplit(": ").next().unwrap_or_default();
-            Problem::new(StatusCode::BAD_REQUEST, message.clone()).naming_field_in(cause)
-        })
+        parsed
+            .map(|Query(value)| Self(value))
+            .map_err(|rejection| refusal(&rejection.body_text(), &parts.uri))
     }
+}
+
+/// The problem of a query with the decoder's message: a parameter's name, a colon and the cause, or only the
+/// cause.
+fn refusal(message: &str, uri: &Uri) -> Problem {
+    let message = message.trim_start_matches("Failed to deserialize query string: ");
+    let is_name =
+        |text: &str| text.bytes().all(|byte| byte.is_ascii_lowercase() || matches!(byte, b'_' | b'0'..=b'9'));
+    let (field, cause) = match message.split_once(": ") {
+        Some((field, cause)) if is_name(field) => (Some(field), cause),
+        _ => (None, message),
+    };
+    let given: Vec<(String, String)> =
+        Query::try_from_uri(uri).map_or_else(|_| Vec::new(), |Query(given)| given);
+    let value = given.into_iter().find(|(name, _)| Some(name.as_str()) == field).map(|(_, value)| value);
+    if let (Some(field), Some(value), Some(expected)) = (field, value, expectation(cause)) {
+        return Problem::query(field, format!("{value:?}"), &expected);
+    }
+    let problem =
+        Problem::new(StatusCode::BAD_REQUEST, format!("invalid query: {cause}")).naming_field_in(cause);
+    match field {
+        Some(field) if !problem.names_a_field() => problem.of_field(field.to_owned()),
+        _ => problem,
+    }
+}
+
+/// What a value should have been, from the cause of its refusal; `None` if the cause is about a name.
+fn expectation(cause: &str) -> Option<String> {
+    let of_type = match cause {
+        "invalid digit found in string"
+        | "cannot parse integer from empty string"
+        | "number too large to fit in target type"
+        | "number too small to fit in target type" => "a whole number in range",
+        "invalid float literal" | "cannot parse float from empty string" => "a number",
+        "provided string was not `true` or `false`" => "true or false",
+        _ if cause.contains(" field `") => return None,
+        _ => match cause.rsplit_once(", expected ") {
+            Some((_, expected)) => return Some(expected.replace('`', "").replace("one of ", "")),
+            // of all values, only those of times have other messages
+            None => "a time such as 2026-03-01T08:00:00Z",
+        },
+    };
+    Some(of_type.to_owned())
 }
 
 /// The page of a list, for lists without other parameters.
@@ -171,4 +212,38 @@ pub(crate) fn cursor_of(key: &SegmentKey) -> String {
 /// The cursor of a position in a list in order of time.
 pub(crate) fn cursor_at(time: Timestamp, id: &str) -> String {
     format!("{}.{id}", time.as_nanosecond())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields, rename_all = "snake_case")]
+    #[expect(dead_code, reason = "only its errors are read")]
+    struct Given {
+        limit: Option<u32>,
+        max_s: Option<f64>,
+        waveforms: Option<bool>,
+        from: Option<Timestamp>,
+    }
+
+    #[tokio::test]
+    async fn an_error_names_parameter_value_and_expectation() {
+        for (query, expected) in [
+            ("limit=-1", r#"limit is "-1", expected a whole number in range"#),
+            ("limit=99999999999", r#"limit is "99999999999", expected a whole number in range"#),
+            ("max_s=a%20b", r#"max_s is "a b", expected a number"#),
+            ("waveforms=yes", r#"waveforms is "yes", expected true or false"#),
+            ("from=yesterday", r#"from is "yesterday", expected a time such as 2026-03-01T08:00:00Z"#),
+            ("limitt=1", "invalid query: unknown field `limitt`"),
+            ("limit=1&limit=2", "invalid query: duplicate field `limit`"),
+        ] {
+            let request = axum::http::Request::builder().uri(format!("/v1/x?{query}")).body(()).unwrap();
+            let (mut parts, ()) = request.into_parts();
+            let problem = Parameters::<Given>::from_request_parts(&mut parts, &()).await.err().unwrap();
+            assert!(problem.detail().starts_with(expected), "{query}: {}", problem.detail());
+            assert!(problem.names_a_field(), "{query}");
+        }
+    }
 }

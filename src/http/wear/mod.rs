@@ -180,11 +180,11 @@ pub(super) async fn history(
         return Ok(etag::not_modified(tag));
     }
     let format = Format::accepted(&headers);
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let Some(channel) = channel else {
         return table::answer(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
-    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
         let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
         render(&trend, &asset.spec.operating_bins, &selection, max_points)
