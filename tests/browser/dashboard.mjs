@@ -27,7 +27,7 @@ const PARTS = {
     "record",
     "spectrum",
     "plots",
-    "still",
+    "static",
     "match",
     "views",
     "without-gears",

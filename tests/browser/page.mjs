@@ -112,7 +112,7 @@ export const plotOf = (page, kind) => page.locator(`[data-plot="${kind}"] .plot`
 
 /** Waits until a plot is seen, still or drawn by Plotly. */
 export const seen = (page, kind) =>
-  plotOf(page, kind).locator(":scope > .still, .main-svg").first().waitFor({ state: "visible" });
+  plotOf(page, kind).locator(":scope > .static, .main-svg").first().waitFor({ state: "visible" });
 
 /** Waits until Plotly has drawn a plot; one that rests is woken as by a pointer. */
 export async function drawn(page, kind) {

@@ -87,7 +87,7 @@ export const CHECKS = {
             return names.every(isShown) && performance.now();
           }, selectors)
           .then((time) => time.jsonValue());
-      const plot = (kind) => `[data-plot="${kind}"] .plot :is(.still, .main-svg)`;
+      const plot = (kind) => `[data-plot="${kind}"] .plot :is(.static, .main-svg)`;
       const times = [[".verdict .badge", ".wear-now strong"], [plot("wear")], [plot("trends")]].map(at);
       const [answer, wear, trend] = await Promise.all(times);
       answers.push(answer);

@@ -2,7 +2,7 @@
 
 import { focusedData, h, setChildren } from "./dom.js";
 import { number } from "./format.js";
-import { onceAwake, turnTo } from "./plots.js";
+import { onceAwake, activate } from "./plots.js";
 
 const DIGITS = 3; // of a dragged level; more would suggest false precision
 const STEPS = 100; // of the arrow keys across the axis
@@ -35,7 +35,7 @@ export class LevelHandles {
       this.#levels.map((level) => this.#handle(level)),
     );
     this.#place();
-    if (pane !== null) turnTo(this.#plot);
+    if (pane !== null) activate(this.#plot);
     if (!this.#plot.dataset.handled) {
       this.#plot.dataset.handled = "true";
       onceAwake(this.#plot, () => {

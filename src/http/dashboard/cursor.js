@@ -6,7 +6,7 @@ import { cursorLines, spacingOf } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt, isInNoise, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
-import { onceAwake, turnTo } from "./plots.js";
+import { onceAwake, activate } from "./plots.js";
 import { axisOf } from "./spectrum-plot.js";
 
 const LABEL_PX = 52; // width of a bearing line's label
@@ -60,7 +60,7 @@ export class CursorLayer {
     for (const layer of [this.#ground, this.#layer]) layer.hidden = !cursor;
     this.readout.hidden = !cursor;
     if (!cursor) return;
-    turnTo(this.#plot);
+    activate(this.#plot);
     if (!this.#plot.dataset.cursor) {
       this.#plot.dataset.cursor = "true";
       onceAwake(this.#plot, () => {

@@ -3,7 +3,7 @@
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
 import { savePicture } from "./picture.js";
-import { discard, draw, keepFitted, legend, moveLast, turnTo } from "./plots.js";
+import { discard, draw, keepFitted, legend, moveLast, activate } from "./plots.js";
 import { inLight } from "./theme.js";
 
 /** A figure that holds one plot. */
@@ -65,7 +65,7 @@ export class PlotCard {
     );
     // whoever comes by keyboard may be on the way to a handle over the plot
     this.element.addEventListener("focusin", ({ target }) => {
-      if (target instanceof Element && target.matches(":focus-visible")) turnTo(this.plot);
+      if (target instanceof Element && target.matches(":focus-visible")) activate(this.plot);
     });
   }
 

@@ -1,9 +1,9 @@
 // Plotly with the page's fonts and colours. It is large, so it is loaded with the first plot that needs it.
-// Plots that rest are drawn still until somebody turns to one of them.
+// Plots that rest are static until the user interacts with one.
 
 import { h, svg } from "./dom.js";
 import { noteEarly } from "./early-pointer.js";
-import { stillPlot } from "./still-plot.js";
+import { staticPlot } from "./static-plot.js";
 import { colours, translucent } from "./theme.js";
 import { fromAxis, isLocal, onAxis, zoneName } from "./time-zone.js";
 
@@ -170,32 +170,32 @@ function themed(layout, colour) {
 // a picture has its title and legend beside it; the card exports it
 const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
-const still = new Map(); // plots drawn without Plotly → their `[traces, layout]`
+const staticPlots = new Map(); // plots drawn without Plotly → their `[traces, layout]`
 const arrivals = new WeakMap(); // plot → what to do when Plotly has drawn it
 
-const pictureIn = (element) => element.querySelector(":scope > .still");
+const pictureIn = (element) => element.querySelector(":scope > .static");
 
 /** Draws a plot without Plotly; returns whether that was possible. */
-function drawStill(element, traces, layout) {
+function drawStatic(element, traces, layout) {
   const { clientWidth: width, clientHeight: height } = element;
   const shown = byClock(traces, layout);
-  const picture = stillPlot(shown.traces, themed(shown.layout, palette()), { width, height });
+  const picture = staticPlot(shown.traces, themed(shown.layout, palette()), { width, height });
   if (!picture) return false;
   pictureIn(element)?.remove();
   element.append(picture);
   awaitPointer(element);
-  still.set(element, [traces, layout]);
+  staticPlots.set(element, [traces, layout]);
   return true;
 }
 
-/** Wakes a still plot when the pointer comes to it. */
+/** Wakes a static plot when the pointer comes to it. */
 function awaitPointer(element) {
   if (element.dataset.awaited) return;
   element.dataset.awaited = "true";
   let repeat;
   const visit = () => {
     repeat ??= noteEarly(element);
-    turnTo(element);
+    activate(element);
   };
   const visits = ["pointerenter", "pointerdown"];
   for (const name of visits) element.addEventListener(name, visit);
@@ -205,22 +205,22 @@ function awaitPointer(element) {
   });
 }
 
-/** Lets Plotly take the place of a still drawing. */
+/** Lets Plotly take the place of a static drawing. */
 async function wake(element) {
-  if (!still.has(element)) return;
+  if (!staticPlots.has(element)) return;
   await load();
-  const shown = still.get(element);
+  const shown = staticPlots.get(element);
   if (shown) await draw(element, ...shown);
 }
 
-/** Wakes a still plot, if any. Without the library it stays as it is, and the next turn to it tries again. */
-export const turnTo = (element) => wake(element).catch(() => {});
+/** Lets Plotly draw a static plot, if it is one. Without the library it stays as it is until the next try. */
+export const activate = (element) => wake(element).catch(() => {});
 
-/** Wakes all still plots, one after the other: the one that needed Plotly comes first. */
+/** Wakes all static plots, one after the other: the one that needed Plotly comes first. */
 async function wakeAll() {
-  for (const element of still.keys()) {
+  for (const element of staticPlots.keys()) {
     await new Promise((done) => setTimeout(done));
-    if (element.checkVisibility()) await turnTo(element);
+    if (element.checkVisibility()) await activate(element);
   }
 }
 
@@ -232,12 +232,12 @@ export function onceAwake(element, act) {
 
 /**
  * Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. One that `rests`
- * does not load Plotly if it can be drawn still.
+ * does not load Plotly if it can be drawn without it.
  */
 export async function draw(element, traces, layout, { rests = false } = {}) {
   clearTimeout(resting.get(element)); // a pending line update is outdated now
-  if (rests && !globalThis.Plotly && drawStill(element, traces, layout)) return;
-  still.delete(element);
+  if (rests && !globalThis.Plotly && drawStatic(element, traces, layout)) return;
+  staticPlots.delete(element);
   const Plotly = await load();
   if (!element.isConnected) return;
   // on a touch screen the buttons would always cover the plot, and dragging is disabled
@@ -358,7 +358,8 @@ export function keepFitted(element) {
     const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
     const picture = pictureIn(element);
     const isFitting = picture?.clientWidth === width && picture.clientHeight === height;
-    if (still.has(element) && width && height && !isFitting) drawStill(element, ...still.get(element));
+    if (staticPlots.has(element) && width && height && !isFitting)
+      drawStatic(element, ...staticPlots.get(element));
     if (layout && width && height && (layout.width !== width || layout.height !== height))
       globalThis.Plotly.Plots.resize(element);
   });
@@ -403,7 +404,7 @@ export function onRangeChange(element, callback) {
 
 /** Releases Plotly's resources of a plot. */
 export function discard(element) {
-  still.delete(element);
+  staticPlots.delete(element);
   if (element.layout) globalThis.Plotly.purge(element);
 }
 

@@ -1,4 +1,4 @@
-// Plots of an asset's page that rest: drawn without the plotting library until somebody turns to one of them.
+// Static plots of an asset's page: drawn without the plotting library until the user interacts with one.
 
 import assert from "node:assert/strict";
 import {
@@ -48,9 +48,9 @@ const places = (page, kind) =>
     };
   });
 
-/** The largest distance of a still text or line from the same one in the other drawing. */
-function apart(still, other) {
-  return still.map(([name, ...place]) => {
+/** The largest distance of a static text or line from the same one in the other drawing. */
+function apart(resting, other) {
+  return resting.map(([name, ...place]) => {
     const same = other.filter(([is]) => is === name);
     const distances = same.map(([, ...at]) => Math.max(...at.map((end, n) => Math.abs(end - place[n]))));
     return { name, place, distance: Math.min(Infinity, ...distances) };
@@ -100,7 +100,7 @@ export const CHECKS = {
       assert.ok(width("median") > 0.3 * frame.width, `the median is ${width("median")} px wide`);
       const bands = await plotOf(page, "wear").evaluate(
         (plot) =>
-          [...plot.querySelectorAll(".still path")].filter(
+          [...plot.querySelectorAll(".static path")].filter(
             (path) => /rgba\(/.test(path.getAttribute("fill")) && path.getBoundingClientRect().width > 60,
           ).length,
       );
@@ -125,7 +125,7 @@ export const CHECKS = {
       const kinds = ["wear", "trends", "spectrum"];
       for (const kind of kinds) await seen(page, kind);
       await page.waitForTimeout(500);
-      assert.equal(await libraries(page), 0, "these drawings are still");
+      assert.equal(await libraries(page), 0, "these drawings are static");
       const before = {};
       for (const kind of kinds) before[kind] = await places(page, kind);
       const height = await page.evaluate(() => document.body.scrollHeight);
@@ -152,7 +152,7 @@ export const CHECKS = {
     }
   },
 
-  "a pointer over a still plot gets the record's values": async (name) => {
+  "a pointer over a static plot gets the record's values": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewSeen(page);
@@ -165,7 +165,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "the first click or tap on a still plot selects its record": async (name) => {
+  "the first click or tap on a static plot selects its record": async (name) => {
     for (const [kind, options] of [["wear"], ["trends"], ["wear", PHONE]]) {
       const opened = await open(`#/assets/${asset}`, options);
       const { page } = opened;
@@ -183,7 +183,7 @@ export const CHECKS = {
     }
   },
 
-  "the first drag over a still plot zooms into it": async (name) => {
+  "the first drag over a static plot zooms into it": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewSeen(page);
@@ -208,7 +208,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "still plots follow the theme, the size of their card and another range": async (name) => {
+  "static plots follow the theme, the size of their card and another range": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewSeen(page);
@@ -218,21 +218,21 @@ export const CHECKS = {
     assert.ok(await hasInk(light));
     await page.emulateMedia({ colorScheme: "dark" });
     await page.waitForFunction(
-      (was) => !document.querySelector('[data-plot="wear"] .still').innerHTML.includes(was),
+      (was) => !document.querySelector('[data-plot="wear"] .static').innerHTML.includes(was),
       light,
     );
     assert.ok(await hasInk(await accent()));
     await page.setViewportSize({ width: 800, height: 900 });
     await page.waitForFunction(() => {
       const plot = document.querySelector('[data-plot="wear"] .plot');
-      return Math.abs(plot.querySelector(".still").clientWidth - plot.clientWidth) < 1;
+      return Math.abs(plot.querySelector(".static").clientWidth - plot.clientWidth) < 1;
     });
     const { items } = await json(`assets/${asset}/wear/history`);
     const [from, to] = [30, 60].map((n) => items[n].start_time.slice(0, 19));
     await page.evaluate((time) => (location.hash += `?time=${time}`), `${from}Z~${to}Z`);
     await page.waitForFunction(
       (first) =>
-        document.querySelector('[data-plot="trends"] .still')?.textContent.includes(first.slice(11, 16)),
+        document.querySelector('[data-plot="trends"] .static')?.textContent.includes(first.slice(11, 16)),
       from.slice(0, 14) + String(5 * Math.ceil(Number(from.slice(14, 16)) / 5)).padStart(2, "0"),
     );
     assert.equal(await libraries(page), 0);
@@ -273,7 +273,7 @@ export const CHECKS = {
     }
   },
 
-  "new records appear in a still plot": async (name) => {
+  "new records appear in a static plot": async (name) => {
     const cut = async (page) => {
       let asked = 0;
       await page.route("**/wear/history?*", async (route) => {

@@ -1,7 +1,7 @@
 // The axes of a plot that is drawn without the plotting library: margins, ranges and ticks. They follow
 // Plotly's rules, so that nothing moves when Plotly takes over.
 
-import { textSize } from "./still-text.js";
+import { textSize } from "./static-text.js";
 import { count } from "./format.js";
 
 const [SECOND, MINUTE, HOUR, DAY] = [1e3, 6e4, 36e5, 864e5];
@@ -10,10 +10,10 @@ const A_SUNDAY = Date.UTC(2000, 0, 2); // weeks begin on Sundays
 export const TICK = { length: 5, width: 1 };
 
 /** @typedef {{ at: number, words: string, more?: string }} Tick */
-/** @typedef {{ l: number, r: number, t: number, b: number, w: number, h: number }} StillSize */
+/** @typedef {{ l: number, r: number, t: number, b: number, w: number, h: number }} StaticSize */
 /**
  * @typedef {{ id: string, letter: string, spec: any, type: string, range: number[], offset: number,
- *   length: number, ticks: Tick[], depth: number, at: (coordinate: number) => number }} StillAxis
+ *   length: number, ticks: Tick[], depth: number, at: (coordinate: number) => number }} StaticAxis
  */
 
 /** A value on its axis: times in milliseconds, logarithms on logarithmic axes, NaN for none. */
@@ -204,7 +204,7 @@ function extentsOn({ id, letter, type, length }, curves, { shapes = [], annotati
 
 /**
  * The axes of a layout in a frame of pixels, `{ axes, size }`; `size` has the margins and the area within.
- * @returns {{ axes: Record<string, StillAxis>, size: StillSize }}
+ * @returns {{ axes: Record<string, StaticAxis>, size: StaticSize }}
  */
 export function axesOf(curves, layout, frame, boxOf) {
   const font = { size: layout.font.size, family: layout.font.family };
@@ -212,7 +212,7 @@ export function axesOf(curves, layout, frame, boxOf) {
   const descent = Math.round(textSize("0", font).descent);
   const place = (margin) => {
     const size = { ...margin, w: frame.width - margin.l - margin.r, h: frame.height - margin.t - margin.b };
-    /** @type {Record<string, StillAxis>} */
+    /** @type {Record<string, StaticAxis>} */
     const axes = {};
     for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
       const spec = layout[key];

@@ -2,9 +2,9 @@
 // labels at the places where Plotly draws them.
 
 import { svg } from "./dom.js";
-import { axesOf, coordinate, TICK } from "./still-axes.js";
-import { curvesOf, drawnCurve, isDrawable, stroke } from "./still-curves.js";
-import { annotationBox, LINE, linesOf } from "./still-text.js";
+import { axesOf, coordinate, TICK } from "./static-axes.js";
+import { curvesOf, drawnCurve, isDrawable, stroke } from "./static-curves.js";
+import { annotationBox, LINE, linesOf } from "./static-text.js";
 
 const TYPES = [undefined, "linear", "log", "date"];
 
@@ -206,7 +206,7 @@ class Picture {
     return svg(
       "svg",
       {
-        class: "still",
+        class: "static",
         width,
         height,
         viewBox: `0 0 ${width} ${height}`,
@@ -227,7 +227,7 @@ class Picture {
  * Draws traces and a layout with all its defaults in a frame of pixels; null when that needs the library.
  * @returns {SVGElement | null}
  */
-export function stillPlot(traces, layout, frame) {
+export function staticPlot(traces, layout, frame) {
   if (!isWithin(traces, layout) || !frame.width || !frame.height) return null;
   return new Picture(curvesOf(traces, layout), layout, frame).draw();
 }

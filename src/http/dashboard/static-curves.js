@@ -1,7 +1,7 @@
 // The curves of a plot that is drawn without the plotting library: lines, bands, markers and error bars.
 
 import { svg } from "./dom.js";
-import { coordinate } from "./still-axes.js";
+import { coordinate } from "./static-axes.js";
 
 const FILLS = [undefined, "toself", "tozeroy"];
 
