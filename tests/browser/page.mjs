@@ -107,10 +107,10 @@ export async function counted(locator, count) {
   assert.equal(await locator.count(), count);
 }
 
-/** The plot of a card: the still drawing, or Plotly's. */
+/** The plot of a card: the static drawing, or Plotly's. */
 export const plotOf = (page, kind) => page.locator(`[data-plot="${kind}"] .plot`);
 
-/** Waits until a plot is seen, still or drawn by Plotly. */
+/** Waits until a plot is seen, static or drawn by Plotly. */
 export const seen = (page, kind) =>
   plotOf(page, kind).locator(":scope > .static, .main-svg").first().waitFor({ state: "visible" });
 

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { asset, close, drawn, open } from "./page.mjs";
 
-/** Serves an asset list with one asset above its warning limit and one collecting its baseline. */
+/** Serves an asset list: one above its warning limit, one with an alarm, one unclear, one in its baseline. */
 const states = (page) =>
   page.route(/\/v1\/assets\?/, async (route) => {
     const answer = await route.fetch();
@@ -27,9 +27,17 @@ const states = (page) =>
       name: "Alarmed",
       summary: { ...worn.summary, alarms: { danger: 1, warning: 0, unacknowledged: 1, shelved: 0 } },
     };
+    const unidentified = { ...wear, status: "not_identifiable", median_um: 234, low_um: 0, high_um: 201 };
+    const unclear = {
+      ...alarmed,
+      id: "unclear",
+      name: "Unclear",
+      limits: { danger_um: 180 },
+      summary: { ...alarmed.summary, wear: unidentified },
+    };
     await route.fulfill({
       response: answer,
-      json: { ...list, items: [model, worn, alarmed, learning] },
+      json: { ...list, items: [model, worn, alarmed, unclear, learning] },
       headers: {},
     });
   });
@@ -127,6 +135,29 @@ export const CHECKS = {
     const { page } = await open("", {}, states);
     await page.locator('tr[data-asset="alarmed"]').getByText("Danger alarm").first().waitFor();
     await page.locator('tr[data-asset="worn"]').getByText("Above warning limit").waitFor();
+    const wear = page.locator('tr[data-asset="unclear"] .wear-number');
+    assert.equal(await wear.textContent(), "unclear0 to 201 µm", "no number, whatever the alarm");
+    await page.context().close();
+  },
+
+  "an alarm is the first sentence about an asset, and a link": async () => {
+    const quantity = { indicator: "rms" };
+    const rule = { quantity, warning: 10, danger: 19.9, hysteresis: 1 };
+    const { page } = await open(`#/assets/${asset}`, {}, async (page) => {
+      const alarm = { id: "a1", asset_id: asset, channel: "gearbox/x", quantity, rule, value: 20.1 };
+      const raised = { ...alarm, severity: "danger", state: "unacknowledged", history: [] };
+      await page.route(/\/v1\/alarms\?/, (route) => route.fulfill({ json: { items: [raised] } }));
+      await page.route(/\/v1\/alarms\/a1/, (route) => route.fulfill({ json: raised }));
+      await page.route(new RegExp(`/v1/assets/${asset}$`), async (route) => {
+        const answer = await route.fetch();
+        const json = await answer.json();
+        json.summary.alarms = { danger: 1, warning: 0, unacknowledged: 1, shelved: 0 };
+        json.limits = {};
+        await route.fulfill({ response: answer, json });
+      });
+    });
+    const link = page.locator(".sentence a", { hasText: "Danger alarm: RMS 20.1 m/s², above 19.9 m/s²" });
+    assert.match(await link.getAttribute("href"), /alarm=a1/);
     await page.context().close();
   },
 };

@@ -1,5 +1,6 @@
 // The head of an asset's overview: state, current wear with its interval, and the facts behind them.
 
+import { levelWords, quantityWords, reading } from "./alarm-words.js";
 import { h, setChildren, setOptions, setText } from "./dom.js";
 import { age, clock, depth, hertz, number, some, speedDoubt, speedSource } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
@@ -7,7 +8,17 @@ import { AssetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
 import { statusWords } from "./record-statuses.js";
 import { change, format } from "./route.js";
-import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeToLimit } from "./state.js";
+import {
+  assetState,
+  capital,
+  channelState,
+  depthWords,
+  isUsable,
+  limitUse,
+  sentence,
+  STATES,
+  timeToLimit,
+} from "./state.js";
 import { badge } from "./symbols.js";
 
 function fact(term, ...words) {
@@ -215,7 +226,13 @@ export class AssetHeader {
     const words = wear?.segment_id
       ? sentence(wear, limits, Boolean(asset.gear?.pair), Boolean(asset.gear)) + question(wear)
       : sentence(null);
-    setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
+    const alarms = several ? (events?.alarms ?? []) : [...(events?.alarms ?? []), ...(events?.others ?? [])];
+    setChildren(
+      this.#sentence,
+      several ? `Channel ${channel}: ` : null,
+      ...alarmSentence(state, alarms),
+      words,
+    );
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
     this.#age.title = this.#last ? `${clock(summary.first_start_time)} to ${clock(this.#last)}` : "";
@@ -225,7 +242,7 @@ export class AssetHeader {
 
   /** Shows the last estimate when the latest record has none; `items` is the wear history. */
   recall(items, wear) {
-    const last = wear.median_um == null ? items.findLast((item) => item.median_um != null) : null;
+    const last = wear.median_um == null ? items.findLast(isUsable) : null;
     if (!last) return;
     this.#number.hidden = false;
     setChildren(
@@ -252,6 +269,17 @@ export class AssetHeader {
   tick() {
     setText(this.#age, this.#last ? `latest ${age(this.#last)}` : "none yet");
   }
+}
+
+/** The raised alarm that determines a state, with a link to it; empty for other states. */
+function alarmSentence(state, alarms) {
+  const alarm = alarms.find((one) => one.state !== "shelved" && state === `alarm_${one.severity}`);
+  if (!alarm) return [];
+  const { id, asset_id: asset, quantity, value } = alarm;
+  const cause = [`${STATES[state].word}: ${quantityWords(quantity)}`];
+  if (quantity !== "sensor_fault") cause.push(` ${reading(value, alarm)}, ${levelWords(alarm)}`);
+  const href = format({ page: "alarms", query: { asset, show: "all", alarm: id } });
+  return [h("a", { href }, ...cause), ". "];
 }
 
 /** In the first records, the doubt about teeth and speed, where the status does not say it already. */
@@ -288,9 +316,8 @@ function wearNumber(wear, limits) {
   const { number: depthNumber, interval } = depthWords(wear);
   const [value, um] = depthNumber.split(/ (?=µm$)/);
   const share = use ? ` · ${Math.round(100 * use.share)} % of the ${use.name} limit` : "";
-  const unclear = wear.status === "not_identifiable";
   return [
-    h("strong", {}, unclear ? "Unclear" : value, h("span", {}, unclear ? "" : ` ${um}`)),
-    h("span", { class: "muted" }, `${interval}${unclear ? "" : share}`),
+    h("strong", {}, capital(value), um ? h("span", {}, ` ${um}`) : null),
+    h("span", { class: "muted" }, `${interval}${share}`),
   ];
 }

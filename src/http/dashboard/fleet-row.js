@@ -49,9 +49,9 @@ function wearContent(asset, state) {
     h(
       "p",
       { class: "wear-number" },
-      h("strong", {}, state === "unclear" ? "unclear" : number),
+      h("strong", {}, number),
       h("span", { class: "muted" }, interval.replace("90 %: ", "")),
-      use && state !== "unclear"
+      use
         ? h(
             "span",
             { class: "muted use", title: `${use.name} limit` },
@@ -60,7 +60,7 @@ function wearContent(asset, state) {
         : null,
     ),
     wearBar(wear, asset.limits),
-    error && state !== "unclear"
+    error
       ? h(
           "span",
           { class: "muted transmission-words", title: error.interval },

@@ -7,10 +7,10 @@ import { grouped, GroupRow, placeOf } from "./fleet-groups.js";
 import { assetName, FleetRow, isBrief } from "./fleet-row.js";
 import { RowWindow } from "./fleet-window.js";
 import { change } from "./route.js";
-import { assetState, rank, STATES, timeToLimit } from "./state.js";
+import { assetState, isUsable, rank, STATES, timeToLimit } from "./state.js";
 import { symbol } from "./symbols.js";
 
-const wearOf = (asset) => asset.summary.wear?.median_um ?? -1;
+const wearOf = ({ summary: { wear } }) => (isUsable(wear) ? wear.median_um : -1);
 const leftOf = ({ summary }) =>
   timeToLimit(summary.wear, summary.last_start_time)?.seconds ?? Number.MAX_VALUE;
 const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);

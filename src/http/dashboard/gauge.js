@@ -2,7 +2,7 @@
 
 import { h, svg } from "./dom.js";
 import { depth } from "./format.js";
-import { depthWords, wearState } from "./state.js";
+import { depthWords, isUsable, wearState } from "./state.js";
 
 const DANGER_AT = 0.8; // position of the danger limit, the same in every bar so that bars are comparable
 
@@ -32,7 +32,8 @@ export function wearBar(wear, limits) {
   if (wear?.median_um != null) {
     bar.dataset.state = wearState(wear, limits);
     bar.append(place(h("span", { class: "interval" }), wear.low_um / end, Math.min(wear.high_um / end, 1)));
-    bar.append(place(h("span", { class: "median" }), Math.min(wear.median_um / end, 0.995)));
+    if (isUsable(wear))
+      bar.append(place(h("span", { class: "median" }), Math.min(wear.median_um / end, 0.995)));
   }
   if (warning != null)
     bar.append(

@@ -1,9 +1,9 @@
 // Uploads one file: request parameters, progress, and the result as text.
 
 import { address, failure, recordsPage } from "./api.js";
-import { clock, depth } from "./format.js";
+import { clock } from "./format.js";
 import { csvParameters } from "./import-preview.js";
-import { ended } from "./state.js";
+import { depthWords, ended } from "./state.js";
 
 const PCM = 1;
 
@@ -166,10 +166,8 @@ function words(file, answer) {
   return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
     if (state === "queued")
       return `${file.name}: record of ${clock(start)}, channel ${channel}, accepted and queued for analysis; the page updates by itself.`;
-    const estimate =
-      wear.median_um == null
-        ? wear.reason
-        : `wear ${depth(wear.median_um)} µm (${depth(wear.low_um)} to ${depth(wear.high_um)})`;
+    const { number, interval } = depthWords(wear);
+    const estimate = wear.median_um == null ? wear.reason : `wear ${number} (${interval})`;
     return ended(`${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}`);
   });
 }

@@ -113,9 +113,13 @@ function ownState({ summary, limits }, wear) {
   return wear ? wearState(wear, limits) : "empty";
 }
 
-/** The next relevant limit and the fraction of it used; null without limits or a number. */
+/** Whether an estimate is a depth to judge; a provisional one is, until the final one replaces it. */
+export const isUsable = (wear) =>
+  wear?.median_um != null && ["estimated", "provisional"].includes(wear.status);
+
+/** The next relevant limit and the fraction of it used; null without limits or a usable estimate. */
 export function limitUse(wear, limits) {
-  if (wear?.median_um == null) return null;
+  if (!isUsable(wear)) return null;
   const limit = limits?.danger_um ?? limits?.warning_um;
   return limit == null
     ? null
@@ -123,20 +127,25 @@ export function limitUse(wear, limits) {
 }
 
 /**
- * Wear and its interval as text: a median, or a lower bound when the interval reaches the end of the library.
+ * Wear and its interval as text: a median, or a lower bound when the interval reaches the end of the library;
+ * “unclear” when the estimate is not usable.
  */
-export function depthWords({ status, at_least_um: least, median_um: median, low_um: low, high_um: high }) {
+export function depthWords(wear) {
+  const { status, at_least_um: least, median_um: median, low_um: low, high_um: high } = wear;
+  const interval = `90 %: ${depth(low)} to ${depth(high)} µm`;
+  if (!isUsable(wear)) return { number: "unclear", interval };
   if (least != null && status === "estimated")
     return {
       number: `at least ${depth(least)} µm`,
       interval: `with 95 % probability; median ${depth(median)} µm`,
     };
-  return { number: `${depth(median)} µm`, interval: `90 %: ${depth(low)} to ${depth(high)} µm` };
+  return { number: `${depth(median)} µm`, interval };
 }
 
 /** The transmission error due to wear as text; null when unknown. */
-export function transmissionWords({ transmission_error_um: error }) {
-  if (!error) return null;
+export function transmissionWords(wear) {
+  const { transmission_error_um: error } = wear;
+  if (!error || !isUsable(wear)) return null;
   const um = (value) => (value < 0.05 ? "0" : number(value, 2));
   return { number: `${um(error.median)} µm`, interval: `90 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
@@ -144,7 +153,8 @@ export function transmissionWords({ transmission_error_um: error }) {
 /** A sentence with its full stop, unless it is a question. */
 export const ended = (text) => (text.endsWith("?") ? text : `${text}.`);
 
-const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : "");
+/** A text with a capital letter. */
+export const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : "");
 
 /** A summary of the wear with a recommendation, in one or two sentences. */
 export function sentence(wear, limits, hasPair = true, hasMesh = true) {
@@ -241,7 +251,7 @@ export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   // after an old record it is unknown whether the gear kept running, so the time counts from that record
   const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
   const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
-  const words = (time) => (seconds(time) <= 0 ? "now" : span(seconds(time)));
+  const words = (time) => (seconds(time) <= 0 && !aged ? "now" : span(Math.max(0, seconds(time))));
   const late = prognosis.p95 ? words(prognosis.p95) : "much later";
   return {
     seconds: seconds(prognosis.median),
