@@ -72,6 +72,41 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "default rules that become custom are announced, and follow changed limits on request": async (name) => {
+    const id = await heard({ limits: { warning_um: 100, danger_um: 200 } });
+    const opened = await open(`#/assets/${id}?trend=rms`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    await page.getByRole("button", { name: "Alarm levels…" }).click();
+    const note = page.locator(".plot-trends").getByText("Saving turns the default rules of this asset into");
+    await note.waitFor();
+    await page.locator("#rule-danger").fill("30");
+    await page.getByRole("button", { name: "Save rule" }).click();
+    await page.locator(".rule-panel .result", { hasText: "are now custom rules" }).waitFor();
+    const questions = [];
+    page.on("dialog", (dialog) => {
+      questions.push(dialog.message());
+      dialog.accept();
+    });
+    const wearRule = async () =>
+      (await json(`assets/${id}`)).alarms.find(({ quantity }) => quantity === "wear_um");
+    await page.goto(page.url().replace(/#.*/, `#/assets/${id}/settings`));
+    await page.locator("#setting-limits-warning_um").fill("80");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.locator(".settings .result", { hasText: "Saved." }).waitFor();
+    assert.deepEqual(questions, [
+      "The custom alarm rule on wear depth has warning above 100 µm, danger above 200 µm. " +
+        "Change it to warning above 80 µm, danger above 200 µm?",
+    ]);
+    const { warning, danger, hysteresis } = await wearRule();
+    assert.deepEqual([warning, danger, hysteresis], [80, 200, 4]);
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.locator(".settings .result", { hasText: "Saved." }).waitFor();
+    assert.equal(questions.length, 1, "limits that stay as they are raise no question");
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "a suggestion that arrives late does not change another rule": async (name) => {
     const id = await heard({ alarms: [RULE] });
     const opened = await open(`#/assets/${id}?trend=rms,kurtosis`);

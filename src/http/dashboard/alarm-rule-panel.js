@@ -40,6 +40,11 @@ export class AlarmRulePanel {
   #k;
   #suggestion;
   #trial = h("p", { class: "rule-trial", role: "status" });
+  #freezing = h(
+    "p",
+    { class: "muted", hidden: true },
+    "Saving turns the default rules of this asset into custom rules, which no longer follow its limits.",
+  );
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save rule");
   #reset = h("button", { type: "button", onclick: () => this.#begin(true) }, "Undo changes");
@@ -88,6 +93,7 @@ export class AlarmRulePanel {
       ),
       h("div", { class: "form-buttons" }, this.#suggestion, this.#save, this.#reset),
       this.#trial,
+      this.#freezing,
       this.#result,
     );
   }
@@ -112,6 +118,7 @@ export class AlarmRulePanel {
       names.map((each) => [each, indicatorName(each)]),
     );
     this.#quantity.value = name;
+    this.#freezing.hidden = Boolean(asset.alarms) || rules.length === 0;
     this.#suggestion.hidden = name === "wear_um"; // wear depth is measured from the baseline, so it has no baseline statistics
     for (const [, label, element] of this.#units)
       setText(element, this.#unit ? `${label} (${this.#unit})` : label);
@@ -245,7 +252,8 @@ export class AlarmRulePanel {
       document.dispatchEvent(new CustomEvent("recordschange"));
       if (subject !== this.#subject) return;
       this.#isChanged = JSON.stringify(own) !== JSON.stringify(this.#rule); // edited while it was saved
-      this.#showStatus("good", "Saved.");
+      const isFrozen = !asset.alarms && rules.length > 0;
+      this.#showStatus("good", isFrozen ? "Saved. The rules of this asset are now custom rules." : "Saved.");
     } catch (error) {
       const words =
         error.status === 412 ? "the asset was changed at the same moment; save again" : error.message;

@@ -3,6 +3,7 @@
 import { quantityWords, ruleLevels } from "./alarm-words.js";
 import { h, setChildren } from "./dom.js";
 import { Rows } from "./setting-rows.js";
+import { tidy } from "./settings-fields.js";
 
 const number = (text) => (text.trim() === "" ? undefined : Number(text));
 const given = (object) =>
@@ -128,6 +129,33 @@ function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
   });
 }
 
+const HYSTERESIS = 0.05; // of a rule that follows from limits, as a fraction of the lower one
+
+/** The levels of the default rule for limits, as the service derives it. */
+function levelsFor({ warning_um: warning, danger_um: danger }) {
+  const isApart = warning != null && (danger == null || warning < danger);
+  const hysteresis = tidy(HYSTERESIS * (warning ?? danger));
+  return given({ warning: isApart ? warning : undefined, danger: danger ?? undefined, hysteresis });
+}
+
+/** Asks whether a custom rule on the wear depth follows the limits that were changed, and changes it. */
+export function followLimits(spec, before) {
+  const rule = spec.alarms?.find(({ quantity }) => quantity === "wear_um");
+  const own = spec.limits ?? {};
+  const of = (limits) => `${limits?.warning_um ?? ""}, ${limits?.danger_um ?? ""}`;
+  if (!rule || of(own) === of(before?.limits) || of(own) === of({})) return;
+  const { hysteresis, ...levels } = levelsFor(own);
+  if (rule.warning === levels.warning && rule.danger === levels.danger) return;
+  const wanted = ruleLevels({ quantity: rule.quantity, ...levels });
+  if (!confirm(`The custom alarm rule on wear depth has ${ruleLevels(rule)}. Change it to ${wanted}?`))
+    return;
+  const isUsual =
+    rule.hysteresis === levelsFor({ warning_um: rule.warning, danger_um: rule.danger }).hysteresis;
+  delete rule.warning;
+  delete rule.danger;
+  Object.assign(rule, levels, isUsual && { hysteresis });
+}
+
 /** The fieldsets for alarm rules and operating bins. */
 export class SettingLists {
   #own = h("input", { type: "checkbox", id: "setting-own-rules", onchange: () => this.#ownChanged() });
@@ -182,7 +210,7 @@ export class SettingLists {
       this.#inForce.map((rule) => h("li", {}, `${quantityWords(rule.quantity)}: ${ruleLevels(rule)}`)),
     );
     this.#words.textContent = this.#own.checked
-      ? "Levels and hysteresis in the unit of the quantity."
+      ? "Levels and hysteresis in the unit of the quantity. Custom rules do not follow the limits."
       : `By default, rules follow from the description${this.#inForce.length ? ":" : "; there are none."}`;
   }
 

@@ -5,7 +5,7 @@ import { AssetFrame, refusal, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
-import { SettingLists } from "./settings-lists.js";
+import { followLimits, SettingLists } from "./settings-lists.js";
 import { GROUPS, putAt, tidy, valueAt } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
@@ -171,7 +171,9 @@ export class SettingsPage {
     if (broken) return this.#invalid(broken);
     this.#save.disabled = true;
     try {
-      this.#asset = await api.replaceAsset(this.#id, this.#description(), this.#asset);
+      const description = this.#description();
+      followLimits(description, this.#asset);
+      this.#asset = await api.replaceAsset(this.#id, description, this.#asset);
       this.#fill();
       this.#frame.update(assetName(this.#asset), this.#query, this.#asset);
       this.#showNotice("good", "Saved.");

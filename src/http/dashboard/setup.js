@@ -13,7 +13,7 @@ import { SetupDraft } from "./setup-draft.js";
 import { SetupLists, withoutGaps } from "./setup-lists.js";
 import { PairChoice } from "./setup-pair.js";
 import { requiredWords, typedRefusals } from "./setup-refusals.js";
-import { SettingLists } from "./settings-lists.js";
+import { followLimits, SettingLists } from "./settings-lists.js";
 
 const TYPED_MS = 250; // ms without typing before a preview is requested
 const FROM_SERVER = ["summary", "created_at", "updated_at"];
@@ -332,6 +332,7 @@ export class SetupPage {
       return this.#inputs.focusError();
     }
     this.#save.disabled = true;
+    followLimits(spec, this.#edited);
     try {
       const { id } = this.#query.edit
         ? await api.replaceAsset(this.#query.edit, spec, this.#edited)
