@@ -39,6 +39,22 @@ async function end(opened, name) {
   await removeAsset(opened.id);
 }
 
+/** A WAV file of 16-bit samples as one of 24 bits. */
+function deep(file) {
+  const frames = (file.length - 44) / 2;
+  const bytes = Buffer.alloc(44 + 3 * frames);
+  file.copy(bytes, 0, 0, 44);
+  [
+    [4, 36 + 3 * frames, 4],
+    [28, 3 * file.readUInt32LE(24), 4],
+    [32, 3, 2],
+    [34, 24, 2],
+    [40, 3 * frames, 4],
+  ].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
+  for (let n = 0; n < frames; n++) bytes.writeIntLE(256 * file.readInt16LE(44 + 2 * n), 44 + 3 * n, 3);
+  return bytes;
+}
+
 /** A WAV file of 16-bit samples of two channels and a chunk before them. */
 function stereo(frames) {
   const bytes = Buffer.alloc(64 + 4 * frames);
@@ -112,7 +128,7 @@ export const CHECKS = {
     // a speed given with the record is used for the baseline, and asked about too
     await page.goto(`${base}/#/assets/${id}/import`);
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Shaft speed, Hz").fill("30");
+    await page.getByLabel("Shaft speed, rpm").fill("1800");
     await page.setInputFiles("#upload-file", [audio("pump_20260401_090000.wav", buffer)]);
     await send(page);
     await asked.waitFor();
@@ -465,6 +481,52 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "start times are in the selected time zone": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [
+      audio("run-1.wav", wav(2000)),
+      audio("run-2.wav", wav(2100)),
+      audio("dated_20260401_080000.wav", wav(2200)),
+    ]);
+    const dated = (zone) => page.getByLabel(`Start of dated_20260401_080000.wav, ${zone}`);
+    assert.equal(await dated("UTC").inputValue(), "2026-04-01T08:00");
+    await page.getByLabel("Times in").selectOption("local");
+    const shown = await dated("local time").inputValue();
+    assert.equal(await page.evaluate((text) => Date.parse(text), shown), Date.parse("2026-04-01T08:00Z"));
+    const first = page.getByLabel("First record, local time");
+    await first.fill("2026-05-01T06:00:00");
+    await page.getByRole("button", { name: "Set start times" }).click();
+    await send(page);
+    await page.getByText("3 files read: 3 records added.").waitFor();
+    const starts = (await json(`assets/${id}/segments`)).items.map(({ start_time: start }) => start);
+    const local = await page.evaluate(() => Date.parse("2026-05-01T06:00:00"));
+    assert.deepEqual(
+      starts.map((start) => Date.parse(start)),
+      [Date.parse("2026-04-01T08:00Z"), local, local + 3_600_000],
+    );
+    await end(opened);
+  },
+
+  "files that do not reach the server are listed again": async () => {
+    const opened = await desk();
+    const { page } = opened;
+    await page.route("**/segments?**", (route) =>
+      route.request().method() === "POST" ? route.abort() : route.continue(),
+    );
+    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await send(page);
+    await page
+      .getByText("a_20260401_080000.wav could not be sent: connection lost during the upload; try again.")
+      .waitFor();
+    await page.getByText("Files that were not sent are listed again.").waitFor();
+    await page.unroute("**/segments?**");
+    await send(page);
+    await good(page, "a_20260401_080000.wav: record of");
+    opened.faults.splice(0);
+    await end(opened);
+  },
+
   "the cards of many files are folded, but for one with an error": async (name) => {
     const opened = await desk();
     const { page } = opened;
@@ -515,6 +577,16 @@ export const CHECKS = {
     await note.waitFor();
     await shoot(page, name);
     await page.getByLabel("Unit", { exact: true }).first().fill("g");
+    await page.getByLabel("Unit", { exact: true }).first().fill("");
+    await note.waitFor();
+    const asked = page.waitForEvent("dialog");
+    const sent = send(page);
+    const dialog = await asked;
+    assert.match(dialog.message(), /^The samples of a_20260401_080000\.wav have no unit/);
+    await dialog.dismiss();
+    await sent;
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0);
+    await page.getByLabel("Unit", { exact: true }).first().fill("g");
     await send(page);
     await good(page, "a_20260401_080000.wav: record of");
     const { items } = await json(`assets/${id}/segments`);
@@ -556,15 +628,16 @@ export const CHECKS = {
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [audio("pump_20260301_080000.wav", wav(4000))]);
     await page.getByText("The files do not name the unit of their samples").waitFor();
-    const speed = page.getByLabel("Shaft speed, Hz");
+    page.on("dialog", (dialog) => dialog.accept()); // there is no unit
+    const speed = page.getByLabel("Shaft speed, rpm");
     await speed.pressSequentially("1e");
     await send(page);
-    await page.getByText("Nothing was uploaded: “Shaft speed, Hz” is not a number.").waitFor();
+    await page.getByText("Nothing was uploaded: “Shaft speed, rpm” is not a number.").waitFor();
     assert.deepEqual(await speed.evaluate((field) => [field === document.activeElement, field.ariaInvalid]), [
       true,
       "true",
     ]);
-    await speed.fill("10");
+    await speed.fill("600");
     await page.getByLabel("Full scale of pump_20260301_080000.wav").pressSequentially("--5");
     await send(page);
     await page.getByText("“Full scale of pump_20260301_080000.wav” is not a number.").waitFor();
@@ -720,15 +793,15 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "the full scale of 16-bit WAV files is applied, to all or to one": async () => {
+  "the full scale of integer files is applied, to all or to one, and a sensitivity": async () => {
     const opened = await desk();
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [
       audio("a_20260401_080000.wav", wav(2000)),
-      audio("b_20260401_090000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", deep(wav(2000))),
     ]);
-    await page.getByText("What the files do not contain").click();
-    await page.getByLabel("Full scale of 16-bit WAV files, in the unit").fill("20");
+    await page.getByText("Details missing from the files").click();
+    await page.getByLabel("Full scale of integer WAV and FLAC files, in the unit").fill("20");
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);
     await good(page, "b_20260401_090000.wav: record of");
@@ -741,6 +814,23 @@ export const CHECKS = {
         `9000 of 32768 counts, twice where both lines add up: ${greatest} of ${scale}`,
       );
     }
+    // a table of numbers has no full scale
+    await page.setInputFiles("#upload-file", [table("c_20260401_100000.csv", csv(2000))]);
+    const asked = page.waitForEvent("dialog");
+    const sent = send(page);
+    const dialog = await asked;
+    assert.match(dialog.message(), /^c_20260401_100000\.csv does not use the full scale, which is for WAV/);
+    await dialog.dismiss();
+    await sent;
+    await page.getByLabel("Full scale of integer WAV and FLAC files, in the unit").fill("");
+    await page.getByLabel("Sensitivity of the sensor, mV/g").fill("100");
+    await send(page);
+    await good(page, "c_20260401_100000.csv: record of");
+    const latest = (await json(`assets/${id}/segments`)).items.at(-1);
+    const volts = (await json(`segments/${items[1].id}/waveform?max_points=4000`)).value;
+    const { value } = await json(`segments/${latest.id}/waveform?max_points=4000`);
+    const ratio = Math.max(...value) / (Math.max(...volts) / ((20 * 9000) / 32768));
+    assert.ok(Math.abs(ratio / (10 * 9.80665) - 1) < 0.01, `10 g for 1 V, in m/s²: ${ratio}`);
     await end(opened);
   },
 

@@ -149,15 +149,18 @@ export class ImportDesk {
     this.#compare();
   }
 
-  /** Says how far the upload is; `rejected` files are not stored. */
-  #sum(done, all, rejected, isLast) {
+  /** Says how far the upload is; `rejected` and `unsent` files are not stored. */
+  #sum(done, all, { rejected, unsent }, isLast) {
     this.#summary.hidden = all < 2;
-    const refused = rejected ? `, ${some(rejected, "file")} rejected` : "";
-    this.#summary.dataset.kind = !isLast ? "" : rejected ? "part" : "good";
+    const refused = [
+      rejected.length ? `, ${some(rejected.length, "file")} rejected` : "",
+      unsent.length ? `, ${some(unsent.length, "file")} not sent` : "",
+    ].join("");
+    this.#summary.dataset.kind = !isLast ? "" : refused ? "part" : "good";
     setText(
       this.#summary,
       isLast
-        ? `${some(all, "file")} read: ${records(this.#batch.size)} added${refused}.`
+        ? `${some(all - unsent.length, "file")} read: ${records(this.#batch.size)} added${refused}.`
         : `${count(done)} of ${count(all)} files uploaded${refused}…`,
     );
   }
@@ -190,9 +193,9 @@ export class ImportDesk {
    */
   #sendAll() {
     if (this.#failBroken()) return;
-    const question = this.#spacing.question();
-    if (question && !confirm(question)) return;
     const common = this.#values.common();
+    const questions = [this.#spacing.question(), this.#unitQuestion(), this.#unusedQuestion(common)];
+    if (!questions.filter(Boolean).every((question) => confirm(question))) return;
     const cards = this.#files
       .filter(({ isRecording }) => isRecording)
       .map((card) => ({ card, file: card.file, seen: card.seen, entry: card.entry() }));
@@ -211,18 +214,44 @@ export class ImportDesk {
       const stay = warnBeforeLeaving();
       const waiting = cards.map(({ file }) => new UploadProgress(file));
       this.#results.append(...waiting.map(({ element }) => element));
-      const rejected = [];
+      const failed = { rejected: [], unsent: [] };
       for (const [n, one] of cards.entries()) {
-        this.#sum(n, cards.length, rejected.length, false);
-        if (!(await this.#sendOne(one, common, waiting[n]))) rejected.push(one.card);
+        this.#sum(n, cards.length, failed, false);
+        failed[await this.#sendOne(one, common, waiting[n])]?.push(one.card);
       }
-      this.#sum(cards.length, cards.length, rejected.length, true);
-      this.#listAgain(rejected);
+      this.#sum(cards.length, cards.length, failed, true);
+      this.#listAgain(failed);
       stay.abort();
       this.#next.hidden = !this.#next.children.length || this.#batch.size === 0;
       this.#offerUndo();
       await this.#askAboutSpeed();
     });
+  }
+
+  /** A question before the first records of an asset whose unit nobody has entered; null otherwise. */
+  #unitQuestion() {
+    const lacking = this.#files.find(({ isRecording, lacksUnit }) => isRecording && lacksUnit);
+    return lacking && this.#values.lackUnit
+      ? `The samples of ${lacking.file.name} have no unit, and it cannot be changed once a channel has records. Upload without a unit?`
+      : null;
+  }
+
+  /** A question when an entered value does not apply to a file; null otherwise. */
+  #unusedQuestion(common) {
+    const unused = this.#files.flatMap((card) =>
+      card.isRecording
+        ? card.unused(common).map((words) => `${card.file.name} does not use the ${words}.`)
+        : [],
+    );
+    const more = unused.length > 1 ? ` (and ${count(unused.length - 1)} more)` : "";
+    return unused.length ? `${unused[0]}${more} Upload without it?` : null;
+  }
+
+  /** Shows the times in another time zone. */
+  changeZone() {
+    this.#spacing.changeZone();
+    for (const card of this.#files) card.changeZone();
+    this.#offerUndo();
   }
 
   /** Shows an error at a number field that contains something else; returns whether there is one. */
@@ -238,19 +267,21 @@ export class ImportDesk {
     return true;
   }
 
-  /** Lists rejected files again if another start, rate or name may help. */
-  #listAgain(rejected) {
-    const cards = rejected.filter(({ isReadable }) => isReadable);
+  /** Lists files again that were not sent, and rejected ones if another start, rate or name may help. */
+  #listAgain({ rejected, unsent }) {
+    const readable = rejected.filter(({ isReadable }) => isReadable);
+    const cards = [...readable, ...unsent];
     if (cards.length === 0) return;
     this.#files.unshift(...cards);
     this.#list.prepend(...cards.map(({ element }) => element));
     this.#summary.hidden = false;
-    this.#summary.append(" Rejected files are listed again, to be corrected.");
+    if (readable.length) this.#summary.append(" Rejected files are listed again, to be corrected.");
+    if (unsent.length) this.#summary.append(" Files that were not sent are listed again.");
     this.#offer();
     this.#compare();
   }
 
-  /** Returns whether the file was taken. */
+  /** Returns whether the file was `taken`, `rejected`, or `unsent` because the server was not reached. */
   async #sendOne({ file, seen, entry }, common, progress) {
     progress.begin();
     try {
@@ -268,10 +299,10 @@ export class ImportDesk {
         listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
       );
       changed();
-      return kind !== "bad";
+      return kind === "bad" ? "rejected" : "taken";
     } catch (error) {
       progress.end("bad", refusalWords(file.name, error));
-      return false;
+      return error instanceof api.ConnectionError ? "unsent" : "rejected";
     }
   }
 

@@ -4,7 +4,8 @@ import { h, setText } from "./dom.js";
 import { bytes, clock, count, hertz, recordLength } from "./format.js";
 import { ImportChannels } from "./import-channels.js";
 import { preview } from "./import-preview.js";
-import { recordsAt } from "./import-sending.js";
+import { instant, written, zoneName } from "./time-zone.js";
+import { hasIntegers, hasVolts, recordsAt } from "./import-sending.js";
 
 /** The facts of a preview in one line. */
 function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary, note }) {
@@ -22,9 +23,6 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
   return parts.filter(Boolean).join(" · ");
 }
 
-/** A time as a field takes it, to the millisecond. */
-const fieldTime = (time) => new Date(time).toISOString().slice(0, -1);
-
 /**
  * The card of a file. `common()` returns the values for all files; `onRemove` is called when the file is
  * removed, `onChange` when its start times or channels change.
@@ -35,17 +33,19 @@ export class ImportFile {
   #asset;
   #common;
   #typed = false;
+  #entered = null; // start as an ISO time, once typed or set
   #looks = 0;
   #roles;
   #channels;
   #start;
+  #startLabel = h("span");
   #startWords = h("span", { class: "muted" });
   #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "as above" });
   #scaleField = h(
     "label",
     {
       class: "field file-scale",
-      title: "The amplitude of the largest 16-bit value in the unit, for example 50 for ±50 m/s²",
+      title: "The amplitude of the largest integer in the unit, for example 50 for ±50 m/s²",
     },
     h("span", {}, "Full scale, in the unit"),
     this.#scale,
@@ -138,16 +138,13 @@ export class ImportFile {
       this.#start = h("input", {
         type: "datetime-local",
         step: "0.001",
-        "aria-label": `Start of ${this.file.name}, UTC`,
         onchange: () => this.#typeStart(),
       });
-      this.#time.append(
-        h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start),
-        this.#startWords,
-      );
+      this.#label();
+      this.#time.append(h("label", { class: "field" }, this.#startLabel, this.#start), this.#startWords);
     }
     if (start && !this.#typed) {
-      this.#start.value = fieldTime(start.time);
+      this.#start.value = written(start.time);
       setText(this.#startWords, start.source);
     }
     if (start) return;
@@ -178,8 +175,8 @@ export class ImportFile {
 
   /** Sets the start; `words` name its source. */
   setStart(time, words) {
-    this.#start.value = fieldTime(time);
-    this.#typeStart();
+    this.#start.value = written(time);
+    this.#typeStart(time);
     setText(this.#startWords, words);
   }
 
@@ -188,9 +185,34 @@ export class ImportFile {
     return this.#channels.lackUnit;
   }
 
-  #typeStart() {
+  /** Which of the values for all files this one does not use, as words. */
+  unused({ fullScale, sensitivity }) {
+    return [
+      fullScale && !hasIntegers(this.seen) && "full scale, which is for WAV and FLAC files of integers",
+      sensitivity &&
+        !hasVolts(this.seen) &&
+        "sensitivity, which is for WAV, FLAC, CSV, MATLAB and NumPy files",
+    ].filter(Boolean);
+  }
+
+  /** Shows the times in another time zone. */
+  changeZone() {
+    this.#label();
+    if (this.#entered) this.#start.value = written(this.#entered);
+    else if (this.#start && !this.#typed) this.#start.value = written(this.seen.start.time);
+    if (this.seen) this.#showStart();
+    this.#showWhen();
+  }
+
+  #label() {
+    setText(this.#startLabel, `Start, ${zoneName()}`);
+    this.#start?.setAttribute("aria-label", `Start of ${this.file.name}, ${zoneName()}`);
+  }
+
+  #typeStart(time = this.#start.value ? instant(this.#start.value) : null) {
     this.#typed = true;
-    const isAhead = Date.parse(this.start()) > Date.now();
+    this.#entered = time;
+    const isAhead = Date.parse(time) > Date.now();
     setText(this.#startWords, isAhead ? "entered; it is in the future" : "entered");
     this.#showWhen();
     this.#onChange();
@@ -228,12 +250,10 @@ export class ImportFile {
     this.look();
   }
 
-  /** For WAV files of 16-bit integers: the field of their full scale. */
+  /** For files of integers: the field of their full scale. */
   #showScale() {
-    const { head } = this.seen;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
-    const isScaled = head && head.bits === 16 && head.format === 1;
-    if (isScaled && !this.#scaleField.isConnected) this.#time.append(this.#scaleField);
+    if (hasIntegers(this.seen) && !this.#scaleField.isConnected) this.#time.append(this.#scaleField);
   }
 
   /** The start times that are known: those of the file, or the first record of each of its channels. */
@@ -284,9 +304,9 @@ export class ImportFile {
 
   /** The start as an ISO time; null when the file contains it or the field is empty. */
   start() {
-    if (!this.#start?.value) return null;
+    if (!this.#start) return null;
     // a time column may be finer than the field
-    return this.#typed ? new Date(`${this.#start.value}Z`).toISOString() : this.seen.start.time;
+    return this.#typed ? this.#entered : this.seen.start.time;
   }
 
   /** The number field of the file, if it contains something else; undefined otherwise. */

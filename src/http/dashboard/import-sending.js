@@ -1,11 +1,18 @@
 // Uploads one file: request parameters, progress, and the result as text.
 
-import { address, failure, recordsPage } from "./api.js";
+import { address, ConnectionError, failure, recordsPage } from "./api.js";
 import { clock } from "./format.js";
 import { csvParameters } from "./import-preview.js";
 import { depthWords, ended } from "./state.js";
 
 const PCM = 1;
+const OF_SAMPLES = ["audio/wav", "audio/flac", "text/csv", "application/x-matlab-data", "application/x-npy"];
+
+/** Whether a file has integers, which a full scale converts to values. */
+export const hasIntegers = ({ type, head }) => type === "audio/flac" || head?.format === PCM;
+
+/** Whether a file's values may be volts, which a sensitivity converts to g. */
+export const hasVolts = ({ type }) => OF_SAMPLES.includes(type);
 
 /** Sends a body and reports its progress, which fetch does not for uploads. */
 function send(href, body, type, onProgress) {
@@ -20,7 +27,7 @@ function send(href, body, type, onProgress) {
         ? resolve(JSON.parse(request.responseText))
         : reject(failure(request.status, request.responseText)),
     );
-    request.addEventListener("error", () => reject(new Error("connection lost during the upload")));
+    request.addEventListener("error", () => reject(new ConnectionError("connection lost during the upload")));
     request.send(body);
   });
 }
@@ -58,12 +65,17 @@ function renamed(channels, unit) {
 
 /**
  * The requests for a file, each `{ body, type, parameters }`. `entry` has what was entered for it: `start`,
- * `channels` with `name`, `unit` and `recorded`, `fullScale`, `rate` and `roles`; `common` has the values for all files.
+ * `channels` with `name`, `unit` and `recorded`, `fullScale` and `roles`; `common` has the values for all files.
  */
-async function requestsOf(file, { type, head }, entry, common) {
-  const { unit, rate, fullScale: commonScale, ...point } = common;
-  const fullScale = entry.fullScale || commonScale;
-  const parameters = { ...point, start_time: entry.start };
+async function requestsOf(file, seen, entry, common) {
+  const { type } = seen;
+  const { unit, rate, fullScale, sensitivity, ...point } = common;
+  const parameters = {
+    ...point,
+    start_time: entry.start,
+    scale: hasIntegers(seen) ? entry.fullScale || fullScale : undefined,
+    sensitivity_mv_per_g: hasVolts(seen) ? sensitivity : undefined,
+  };
   if (type === "text/csv") {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
     const csv = csvParameters(rate, entry.roles);
@@ -96,18 +108,7 @@ async function requestsOf(file, { type, head }, entry, common) {
   else if (type === "application/mcap")
     return [{ body: file, type, parameters: renamed(entry.channels, unit) }];
   else if (!type.startsWith("audio/")) return [{ body: file, type, parameters: {} }];
-  const names = withUnits(entry.channels, unit);
-  if (fullScale && head?.format === PCM && head.bits === 16) {
-    const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
-    const layout = {
-      sample: "i16",
-      sample_rate_hz: head.rate,
-      channels: head.channels,
-      scale: fullScale / 32768,
-    };
-    return [{ body, type: "application/octet-stream", parameters: { ...parameters, ...layout, ...names } }];
-  }
-  return [{ body: file, type, parameters: { ...parameters, ...names } }];
+  return [{ body: file, type, parameters: { ...parameters, ...withUnits(entry.channels, unit) } }];
 }
 
 /** The ids of an asset's records with a given start. */
@@ -172,8 +173,9 @@ function words(file, answer) {
   });
 }
 
-/** Describes a refused upload of `what`. */
+/** Describes a refused upload of `what`, or one that did not reach the server. */
 export function refusalWords(what, error) {
+  if (error instanceof ConnectionError) return [`${what} could not be sent: ${error.message}; try again.`];
   const { field, value, expected } = error.problem ?? {};
   const parts = [`${what} was rejected: ${error.message}`];
   if (expected && !error.message.includes(expected))

@@ -2,6 +2,7 @@
 
 import { h, setText } from "./dom.js";
 import { clock, count } from "./format.js";
+import { instant, written, zoneName } from "./time-zone.js";
 
 const MINUTE = 60_000; // ms
 const FEW = 3; // files
@@ -17,6 +18,7 @@ export class StartSpacing {
     id: "spacing-first",
     onchange: () => {
       this.#isTyped = this.#first.value !== "";
+      this.#begin = this.#isTyped ? Date.parse(instant(this.#first.value)) : NaN;
       this.#showLast();
     },
   });
@@ -30,6 +32,8 @@ export class StartSpacing {
   });
   #last = h("p", { role: "status" });
   #isTyped = false;
+  #begin = NaN; // of the first record, in ms
+  #label = h("span", {}, `First record, ${zoneName()}`);
   #onChange;
   element = h(
     "div",
@@ -38,7 +42,7 @@ export class StartSpacing {
     h(
       "div",
       { class: "fields" },
-      h("label", { class: "field", for: "spacing-first" }, h("span", {}, "First record, UTC"), this.#first),
+      h("label", { class: "field", for: "spacing-first" }, this.#label, this.#first),
       h(
         "label",
         { class: "field", for: "spacing-interval" },
@@ -79,8 +83,8 @@ export class StartSpacing {
 
   /** The start of the last record, in ms; NaN while something is missing. */
   get #end() {
-    const [begin, minutes] = [Date.parse(`${this.#first.value}Z`), Number(this.#interval.value)];
-    return minutes > 0 ? begin + (this.#cards.length - 1) * minutes * MINUTE : NaN;
+    const minutes = Number(this.#interval.value);
+    return minutes > 0 ? this.#begin + (this.#cards.length - 1) * minutes * MINUTE : NaN;
   }
 
   /** Shows the last start. Until a first one is entered, the last is that of the latest file. */
@@ -88,16 +92,28 @@ export class StartSpacing {
     if (!this.#isTyped) {
       const latest = Math.max(...this.#cards.map(({ file }) => file.lastModified));
       const span = (this.#cards.length - 1) * Number(this.#interval.value) * MINUTE;
-      this.#first.value = new Date(latest - span).toISOString().slice(0, 19);
+      this.#begin = 1000 * Math.floor((latest - span) / 1000);
+      this.#showFirst();
     }
     const end = this.#end;
     const words = isNaN(end) ? "" : `Last record: ${clock(new Date(end).toISOString())}`;
     setText(this.#last, words && `${words}${end > Date.now() ? ", which is in the future" : ""}.`);
   }
 
+  #showFirst() {
+    this.#first.value = isNaN(this.#begin) ? "" : written(this.#begin).slice(0, 19);
+  }
+
+  /** Shows the times in another time zone. */
+  changeZone() {
+    setText(this.#label, `First record, ${zoneName()}`);
+    this.#showFirst();
+    this.#showLast();
+  }
+
   #apply() {
     if (isNaN(this.#end)) return (this.#first.value ? this.#interval : this.#first).focus();
-    const begin = Date.parse(`${this.#first.value}Z`);
+    const begin = this.#begin;
     const minutes = Number(this.#interval.value);
     for (const [n, card] of this.#cards.entries())
       card.setStart(new Date(begin + n * minutes * MINUTE).toISOString(), "at the interval entered");

@@ -33,6 +33,7 @@ export class ImportPage {
   /** Reacts to a changed address. */
   update(route) {
     this.#query = route.query;
+    this.#desk.changeZone();
     return true;
   }
 
