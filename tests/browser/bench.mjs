@@ -312,7 +312,7 @@ export const CHECKS = {
     // another geometry
     await page.getByRole("combobox", { name: "Bearing", exact: true }).selectOption("g");
     await page.getByLabel("Rolling elements").fill("16");
-    await page.getByLabel("Roller diameter, mm").fill("8.407");
+    await page.getByLabel("Rolling element diameter, mm").fill("8.407");
     await page.getByLabel("Pitch diameter, mm").fill("71.501");
     await page.getByLabel("Contact angle, °").fill("15.17");
     await page.getByLabel("Contact angle, °").press("Enter");

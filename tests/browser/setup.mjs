@@ -44,6 +44,30 @@ const slide = (page, name, part) =>
   }, part);
 
 export const CHECKS = {
+  "unknown units and limits beyond the library are pointed out, in both forms": async () => {
+    const { page } = await open("#/new");
+    await page.locator("#setup-pair option", { hasText: "Shen" }).waitFor({ state: "attached" });
+    await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
+    await page.getByText("Wear can be estimated up to 245 µm for this pair.").waitFor();
+    const danger = page.locator("#setup-limits-danger-um");
+    await danger.fill("300");
+    const beyond = page.getByText("No estimate reaches this limit: wear is estimated up to 245 µm.");
+    await beyond.waitFor();
+    assert.match(await danger.getAttribute("aria-describedby"), /setup-limits-danger-um-warning/);
+    await danger.fill("200");
+    await beyond.waitFor({ state: "hidden" });
+    const unknown = page.getByText("“m/sec” is stored as it is, but not converted");
+    await page.locator("#setup-sensor-unit").fill("m/sec");
+    await unknown.waitFor();
+    await page.goto(page.url().replace(/#.*/, `#/assets/${asset}/settings`));
+    await page.locator("#setting-limits-danger_um").fill("300");
+    await beyond.waitFor();
+    await page.locator("#setting-sensor-unit").fill("m/sec");
+    await unknown.waitFor();
+    await page.getByText("Stored records keep their unit.").waitFor();
+    await page.context().close();
+  },
+
   "a machine without gears is created with its bearing": async (name) => {
     const id = `fan-${Date.now()}`;
     const opened = await open("");
@@ -52,12 +76,14 @@ export const CHECKS = {
     await page.getByText("Wear needs torque, module and face width. Without them, choose").waitFor();
     await page.getByLabel("Gear pair, for wear in µm").selectOption("no-gears");
     await page.getByLabel("Teeth, driving", { exact: true }).waitFor({ state: "hidden" });
+    for (const words of ["Gear pair to scale", "Wear preview", "Limits on wear depth"])
+      await page.getByText(words, { exact: true }).waitFor({ state: "hidden" });
     await fill(page, {
       Name: id,
       "Nominal shaft speed (rpm)": "1800",
       Bearing: "de",
       "Rolling elements": "9",
-      "Roller diameter (mm)": "7.94",
+      "Rolling element diameter (mm)": "7.94",
       "Pitch diameter (mm)": "39.04",
     });
     await page.getByLabel("Velocity zones (ISO 20816)").selectOption("group_2_rigid");
@@ -405,7 +431,7 @@ export const CHECKS = {
     const values = {
       Bearing: "drive_end",
       "Rolling elements": "9",
-      "Roller diameter (mm)": "7.94",
+      "Rolling element diameter (mm)": "7.94",
       "Pitch diameter (mm)": "39.04",
       "Bearing 2": "gone",
       "Rolling elements 2": "8",

@@ -77,7 +77,7 @@ export const CHECKS = {
     assert.ok(await page.getByLabel("Shaft speed, Hz").isHidden(), "orders need no speed");
     await bearing.selectOption("g");
     await page.getByLabel("Rolling elements").fill("9");
-    await page.getByLabel("Roller diameter, mm").fill("7.94");
+    await page.getByLabel("Rolling element diameter, mm").fill("7.94");
     await page.getByLabel("Pitch diameter, mm").fill("39.04");
     await page.getByLabel("Pitch diameter, mm").press("Enter");
     await page.locator(".bench-bearing", { hasText: "BPFO 3.5848" }).waitFor();

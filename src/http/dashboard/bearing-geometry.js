@@ -46,7 +46,7 @@ export function geometryFault({ elements, roller, pitch, contact }) {
     return `Rolling elements: enter a whole number from 2 to ${MAX_ELEMENTS}.`;
   if (!(pitch > 0)) return "Pitch diameter: enter a value above 0 mm.";
   if (!(roller > 0 && roller < pitch))
-    return "Roller diameter: enter a value above 0 mm and below the pitch diameter.";
+    return "Rolling element diameter: enter a value above 0 mm and below the pitch diameter.";
   if (!(contact >= 0 && contact < 90)) return "Contact angle: enter at least 0° and less than 90°.";
   return "";
 }

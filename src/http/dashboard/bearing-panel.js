@@ -14,7 +14,7 @@ import { change, parse } from "./route.js";
 
 const FIELDS = [
   ["elements", "Rolling elements", "1"],
-  ["roller", "Roller diameter, mm", "any"],
+  ["roller", "Rolling element diameter, mm", "any"],
   ["pitch", "Pitch diameter, mm", "any"],
   ["contact", "Contact angle, °", "any"],
 ];

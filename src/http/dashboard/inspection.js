@@ -3,7 +3,7 @@
 import { number } from "./format.js";
 
 /** Gears that a measurement may be of, by their API value; the empty one is sent as null. */
-export const GEARS = { "": "Deeper of both gears", 1: "Driving gear", 2: "Driven gear" };
+export const GEARS = { "": "The more worn gear", 1: "Driving gear", 2: "Driven gear" };
 
 /** Places on the flank. */
 export const PLACES = {

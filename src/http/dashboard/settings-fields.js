@@ -1,8 +1,10 @@
 // The fields of an asset's settings: path in the description, label, and unit.
 
+import { depth } from "./format.js";
+
 /**
- * Groups of fields, `{ path, label, unit?, kind?, hint?, factor? }` each; numbers in a path are list indices,
- * `factor` converts the entered unit to the description's.
+ * Groups of fields, `{ path, label, unit?, kind?, hint?, factor?, isUnit?, about? }` each; numbers in a path are
+ * list indices, `factor` converts the entered unit to the description's.
  * @type {any[]}
  */
 export const GROUPS = [
@@ -30,6 +32,8 @@ export const GROUPS = [
         label: "Default unit of samples",
         kind: "text",
         hint: "e.g. m/s2",
+        isUnit: true,
+        about: "Stored records keep their unit.",
       },
       {
         path: "sensor.channel",
@@ -128,6 +132,14 @@ export const GROUPS = [
     ],
   },
 ];
+
+/** How deep wear can be estimated; empty when unknown. */
+export const reachWords = (most) =>
+  most ? `Wear can be estimated up to ${depth(most)} µm for this pair.` : "";
+
+/** A warning about a limit above the greatest wear that can be estimated; empty for others. */
+export const beyondWords = (limit, most) =>
+  most && limit > most ? `No estimate reaches this limit: wear is estimated up to ${depth(most)} µm.` : "";
 
 /** Removes the rounding noise of a unit factor from a number. */
 export const tidy = (value) => Number(value.toPrecision(12));

@@ -6,7 +6,8 @@ import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { followLimits, SettingLists } from "./settings-lists.js";
-import { GROUPS, putAt, tidy, valueAt } from "./settings-fields.js";
+import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
+import { beyondWords, GROUPS, putAt, reachWords, tidy, valueAt } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
 /** The settings of one asset. */
@@ -21,6 +22,8 @@ export class SettingsPage {
   #lists = new SettingLists();
   #drawing = h("div", { class: "gear-drawing" });
   #pair = h("section", { class: "card" }, h("h2", {}, "Gear pair to scale"), this.#drawing);
+  #reach = h("p", { class: "muted", hidden: true }); // below the limits
+  #most; // µm of wear that can be estimated
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save");
   #undo = h("button", { type: "button", onclick: () => this.#fill() }, "Undo changes");
@@ -49,6 +52,7 @@ export class SettingsPage {
     this.#frame.update(assetName(asset), this.#query, asset);
     this.#build();
     this.#fill();
+    await this.#showReach();
   }
 
   #build() {
@@ -64,6 +68,7 @@ export class SettingsPage {
           { class: "form-fields" },
           group.fields.map((field) => this.#field(field)),
         ),
+        group.title === "Limits on wear depth" && this.#reach,
       ),
     );
     const note =
@@ -92,6 +97,7 @@ export class SettingsPage {
       },
       groups,
       this.#lists.elements,
+      unitList(),
       note,
       this.#result,
       buttons,
@@ -109,7 +115,7 @@ export class SettingsPage {
   }
 
   #field(field) {
-    const { path, label, unit, kind = "number", hint } = field;
+    const { path, label, unit, kind = "number", hint, about, isUnit } = field;
     const id = `setting-${path.replaceAll(".", "-")}`;
     const type = { text: "text", check: "checkbox" }[kind] ?? "number";
     const input = h("input", {
@@ -118,16 +124,43 @@ export class SettingsPage {
       step: kind === "integer" ? "1" : "any",
       placeholder: hint,
       autocomplete: "off",
+      list: isUnit ? UNITS : null,
     });
     const error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
-    input.setAttribute("aria-describedby", error.id);
-    this.#inputs.set(path, { field, input, error });
+    const warning = h("span", { class: "field-warning", id: `${id}-warning`, role: "status", hidden: true });
+    const note = about ? h("span", { class: "muted field-about", id: `${id}-about` }, about) : null;
+    const described = [error, warning, note].filter(Boolean).map((element) => element.id);
+    input.setAttribute("aria-describedby", described.join(" "));
+    this.#inputs.set(path, { field, input, error, warning });
     const words = unit ? `${label} (${unit})` : label;
     const labelled =
       kind === "check"
         ? h("label", { class: "check", for: id }, input, words)
         : h("label", { class: "field", for: id }, h("span", {}, words), input);
-    return h("div", { class: "setup-field" }, labelled, error);
+    return h("div", { class: "setup-field" }, labelled, note, warning, error);
+  }
+
+  /** Warns about an unknown unit, and about limits above the greatest wear that can be estimated. */
+  #warn() {
+    for (const { field, input, warning } of this.#inputs.values()) {
+      const words = field.isUnit
+        ? unknownUnitWords(input.value.trim())
+        : field.path.startsWith("limits.")
+          ? beyondWords(Number(input.value), this.#most)
+          : "";
+      warning.hidden = !words;
+      setText(warning, words);
+    }
+  }
+
+  /** Shows how deep wear can be estimated with the asset's library, if it is complete. */
+  async #showReach() {
+    const { library_id: id, library_state: state } = this.#asset.summary;
+    const library = state === "ready" ? await api.answer(api.library(id)) : null;
+    this.#most = library && !(library instanceof Error) ? library.max_wear_um : undefined;
+    this.#reach.hidden = !this.#most;
+    setText(this.#reach, reachWords(this.#most));
+    this.#warn();
   }
 
   #fill() {
@@ -160,6 +193,7 @@ export class SettingsPage {
   }
 
   #typed() {
+    this.#warn();
     const spec = this.#description();
     if (spec.gear?.pair) drawPair(this.#drawing, spec.gear.pair.geometry);
   }
@@ -175,6 +209,7 @@ export class SettingsPage {
       followLimits(description, this.#asset);
       this.#asset = await api.replaceAsset(this.#id, description, this.#asset);
       this.#fill();
+      await this.#showReach();
       this.#frame.update(assetName(this.#asset), this.#query, this.#asset);
       this.#showNotice("good", "Saved.");
     } catch (error) {

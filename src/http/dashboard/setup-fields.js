@@ -7,7 +7,8 @@ import { RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fie
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
 /**
- * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault?, derived? }`.
+ * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault?, derived?,
+ * isUnit? }`.
  * `factor` converts the entered unit to the description's; `pairDefault` or `derived(spec)` is sent when only the other gear has
  * a value; `derivedFrom` says what that follows from. Fields in `more` and `rare` are folded away.
  * @type {any[]}
@@ -231,7 +232,7 @@ export const SETUP_GROUPS = [
     fields: [
       { path: "bearings.0.name", label: "Bearing", kind: "text", hint: "e.g. drive_end" },
       { path: "bearings.0.rolling_elements", label: "Rolling elements", kind: "integer", hint: "e.g. 9" },
-      { path: "bearings.0.roller_diameter_mm", label: "Roller diameter", unit: "mm" },
+      { path: "bearings.0.roller_diameter_mm", label: "Rolling element diameter", unit: "mm" },
       { path: "bearings.0.pitch_diameter_mm", label: "Pitch diameter", unit: "mm" },
       { path: "bearings.0.contact_angle_deg", label: "Contact angle", unit: "°", hint: "0" },
       {
@@ -269,6 +270,7 @@ export const SETUP_GROUPS = [
         path: "sensor.unit",
         label: "Default unit of samples",
         kind: "text",
+        isUnit: true,
         hint: "e.g. m/s2",
         about: "Needed for files without a unit, such as WAV.",
       },
@@ -369,12 +371,15 @@ export const SETUP_GROUPS = [
     rare: RARE_OF_SENSOR,
   },
   {
-    title: "Limits on wear depth and baseline",
+    title: "Limits on wear depth",
     fields: [
       { path: "limits.warning_um", label: "Warning", unit: "µm" },
       { path: "limits.danger_um", label: "Danger", unit: "µm" },
-      { path: "baseline.records", label: "Baseline records", kind: "integer", hint: "20" },
     ],
+  },
+  {
+    title: "Baseline",
+    fields: [{ path: "baseline.records", label: "Baseline records", kind: "integer", hint: "20" }],
   },
 ];
 

@@ -1,7 +1,8 @@
 // The inputs of the asset form: converts between inputs and description, and shows errors at the fields.
 
 import { h, setText } from "./dom.js";
-import { putAt, tidy, valueAt } from "./settings-fields.js";
+import { UNITS, unknownUnitWords } from "./known-units.js";
+import { beyondWords, putAt, tidy, valueAt } from "./settings-fields.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
@@ -14,6 +15,7 @@ class FieldInput {
   input;
   element;
   #error;
+  #warning;
   #label;
   #about;
   /** The value of an empty field, sent when the other gear has one; undefined without one. */
@@ -24,6 +26,7 @@ class FieldInput {
     const { path, label, unit, kind = "number", hint, about } = field;
     const id = `setup-${path.replaceAll(/[._]/g, "-")}`;
     this.#error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
+    this.#warning = h("span", { class: "field-warning", id: `${id}-warning`, role: "status", hidden: true });
     this.#label = label;
     this.#about =
       (about || field.derivedFrom) &&
@@ -43,8 +46,10 @@ class FieldInput {
         autocomplete: "off",
         spellcheck: "false",
         required: field.needed,
+        list: field.isUnit ? UNITS : null,
       });
-    this.input.setAttribute("aria-describedby", `${id}-error${field.derivedFrom ? ` ${id}-about` : ""}`);
+    const described = [`${id}-error`, `${id}-warning`, this.#about && `${id}-about`];
+    this.input.setAttribute("aria-describedby", described.filter(Boolean).join(" "));
     const words = unit ? `${label} (${unit})` : label;
     if (kind === "check" || kind === "off")
       this.element = h(
@@ -52,6 +57,7 @@ class FieldInput {
         { class: "setup-field" },
         h("label", { class: "check", for: id }, this.input, words),
         this.#about,
+        this.#warning,
         this.#error,
       );
     else
@@ -60,6 +66,7 @@ class FieldInput {
         { class: "setup-field" },
         h("label", { class: "field", for: id }, h("span", {}, words), this.input),
         this.#about,
+        this.#warning,
         this.#error,
       );
   }
@@ -103,6 +110,12 @@ class FieldInput {
   /** Whether a number field contains something that is not a number. */
   get isBroken() {
     return this.input.validity.badInput;
+  }
+
+  /** Shows a note about a value that is accepted nevertheless; hides it when `words` is empty. */
+  warn(words) {
+    this.#warning.hidden = !words;
+    setText(this.#warning, words);
   }
 
   /** Shows an error with the field's label; hides it when `words` is empty. */
@@ -160,9 +173,19 @@ export class SetupInputs {
     return pruned(rest);
   }
 
-  /** Shows the fields that apply and hides the others. */
-  show(shape) {
+  /** Shows the fields that apply and hides the others; warns about values far from the usual ones. */
+  show(shape, most) {
     for (const { field, element } of this.#inputs.values()) element.hidden = !belongs(field, shape);
+    this.warn(most);
+  }
+
+  /** Warns about unknown units and about limits above `most`, the greatest wear that can be estimated. */
+  warn(most) {
+    for (const made of this.#inputs.values()) {
+      const { field, value } = made;
+      if (field.isUnit) made.warn(unknownUnitWords(value));
+      else if (field.path.startsWith("limits.")) made.warn(beyondWords(value, most));
+    }
   }
 
   /** The description from the fields, merged over what no field covers. */

@@ -105,7 +105,7 @@ export const RARE_OF_SENSOR = {
       kind: "text",
       hint: "all combined",
     },
-    { path: "points.0.unit", label: "Unit of the channel", kind: "text", hint: "as above" },
+    { path: "points.0.unit", label: "Unit of the channel", kind: "text", hint: "as above", isUnit: true },
     { path: "points.0.calibrated_on", label: "Calibrated on", kind: "date" },
     ...both("envelope_band_hz", ["Envelope band from", "Envelope band to"], {
       unit: "Hz",

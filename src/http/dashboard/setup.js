@@ -5,6 +5,8 @@ import { crumbs, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
+import { unitList } from "./known-units.js";
+import { reachWords } from "./settings-fields.js";
 import { SETUP_GROUPS } from "./setup-fields.js";
 import { PairGeometry } from "./setup-geometry.js";
 import { SetupInputs } from "./setup-inputs.js";
@@ -46,6 +48,9 @@ export class SetupPage {
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Create asset");
   #geometry = new PairGeometry();
+  #reach = h("p", { class: "muted", hidden: true }); // below the limits
+  #most; // µm of wear that can be estimated for the pair
+  #ofGears; // what is beside and below the form
   #panel = new PreviewPanel({
     onPreview: (preview) => this.#previewed(preview),
     onError: (error) => this.#refused(error),
@@ -89,20 +94,19 @@ export class SetupPage {
       h(
         "p",
         { class: "muted" },
-        "One gear mesh, or a machine without gears, measured by one or more accelerometers. Teeth and speed are enough for indicators; the gear pair adds wear in µm, and bearings add their fault lines.",
+        "One gear mesh, or a machine without gears, measured by one or more accelerometers. Teeth and speed are enough for indicators; the gear pair adds wear in µm, and bearings add their fault lines. Fields marked * are required.",
       ),
     );
+    const beside = h("aside", { class: "setup-side" }, this.#geometry.element);
+    const below = h("h2", { class: "preview-title" }, "Wear preview");
+    this.#ofGears = [beside, below, this.#panel.element];
     setChildren(
       root,
       title,
-      h(
-        "div",
-        { class: "settings-grid setup-grid" },
-        this.#form,
-        h("aside", { class: "setup-side" }, this.#geometry.element),
-      ),
-      h("h2", { class: "preview-title" }, "Wear preview"),
+      h("div", { class: "settings-grid setup-grid" }, this.#form, beside),
+      below,
       this.#panel.element,
+      unitList(),
     );
     this.#rules.fill({});
     this.#check(0);
@@ -140,6 +144,7 @@ export class SetupPage {
       h("legend", {}, title),
       pairChoice && this.#pair.element,
       box(fields),
+      title === "Limits on wear depth" && this.#reach,
       folded,
       this.#lists.of(title),
     );
@@ -255,10 +260,11 @@ export class SetupPage {
   #check(wait) {
     this.#refusals.saved = [];
     this.#showNotice("", "");
-    this.#inputs.show(this.#pair.shape);
+    this.#inputs.show(this.#pair.shape, this.#most);
     this.#lists.show(this.#pair.shape);
-    for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
-      folded.hidden = [...folded.querySelectorAll(".setup-field")].every(({ hidden }) => hidden);
+    for (const part of this.#form.querySelectorAll("fieldset:has(.setup-field), fieldset .setup-more"))
+      part.hidden = [...part.querySelectorAll(".setup-field")].every(({ hidden }) => hidden);
+    for (const part of this.#ofGears) part.hidden = !this.#pair.shape.mesh;
     const spec = this.#description();
     this.#refusals.typed = [
       ...(spec ? typedRefusals(spec) : []),
@@ -277,7 +283,16 @@ export class SetupPage {
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
 
+  /** Shows how deep wear can be estimated for the pair, and which limits are deeper. */
+  #showReach(most) {
+    this.#most = most ?? undefined;
+    this.#reach.hidden = !this.#most;
+    setText(this.#reach, reachWords(this.#most));
+    this.#inputs.warn(this.#most);
+  }
+
   #blank(words) {
+    this.#showReach();
     this.#refusals.previewed = [];
     this.#showRefusals();
     this.#geometry.showNotice(words);
@@ -288,7 +303,8 @@ export class SetupPage {
     );
   }
 
-  #previewed({ refusals, geometry }) {
+  #previewed({ refusals, geometry, max_wear_um: most }) {
+    this.#showReach(most);
     const own = refusals.filter(({ field }) => !["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
     this.#refusals.previewed = own;
     const placed = this.#showRefusals();
