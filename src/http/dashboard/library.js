@@ -5,12 +5,12 @@ import { crumbs } from "./asset-frame.js";
 import { h, setChildren } from "./dom.js";
 import { depth, figure, indicatorName } from "./format.js";
 import { drawPair } from "./gear-drawing.js";
-import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
+import { stiffnessDrawing, transmissionDrawing, umPerRadian } from "./mesh-plots.js";
 import { PlotCard } from "./plot-card.js";
 import { onPointClick, palette } from "./plots.js";
 import { change } from "./route.js";
 
-/** @type {[string, string, (row: any) => any][]} */
+/** @type {[string, string, (row: any, umPerRad: number) => any][]} */
 const COLUMNS = [
   ["index", "State", (row) => row.index],
   ["wear_um", "Wear (µm)", (row) => depth(row.wear_um)],
@@ -23,8 +23,8 @@ const COLUMNS = [
   ["stiffness_max_n_per_m", "Maximum (N/\u2060µm)", (row) => figure(row.stiffness_max_n_per_m * 1e-6)],
   [
     "uste_peak_to_peak_rad",
-    "Transmission error, peak to peak (µrad)",
-    (row) => figure(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * 1e6),
+    "Transmission error, peak to peak (µm)",
+    (row, scale) => figure(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * scale),
   ],
   ["rms", "RMS (m/s²)", (row) => figure(row.rms)],
   ["kurtosis", "Kurtosis", (row) => figure(row.kurtosis)],
@@ -161,7 +161,7 @@ export class LibraryPage {
     this.#sub.textContent = `${library.states} states from unworn to ${depth(library.max_wear_um)} µm, contact rule ${library.contact}, ${library.pair.wear.shape} wear; library ${library.id}.`;
     document.title = `${library.pair_name || library.id} · flankwatch`;
     drawPair(this.#gears, library.pair.geometry);
-    this.#fillTable(rows, state.index);
+    this.#fillTable(rows, state.index, umPerRadian(library.pair.geometry));
     const subject = () => `Simulated: ${library.pair_name || "gear pair"}, library ${library.id}`;
     await Promise.all([
       this.#curve.show(
@@ -175,7 +175,7 @@ export class LibraryPage {
         subject,
       ),
       this.#transmission.show(
-        () => transmissionDrawing(state, unworn, this.#id),
+        () => transmissionDrawing(state, unworn, library.pair.geometry, this.#id),
         `library-${this.#id}-transmission-error-${state.index}`,
         subject,
       ),
@@ -183,7 +183,7 @@ export class LibraryPage {
     onPointClick(this.#curve.plot, (index) => change({ state: index }, { quiet: true }));
   }
 
-  #fillTable(rows, chosen) {
+  #fillTable(rows, chosen, scale) {
     const row = (state) =>
       h(
         "tr",
@@ -204,7 +204,7 @@ export class LibraryPage {
                   String(state.index),
                 ),
               )
-            : h("td", {}, String(words(state))),
+            : h("td", {}, String(words(state, scale))),
         ),
       );
     setChildren(

@@ -135,7 +135,7 @@ export class MatchPage {
         subject,
       ),
       this.#transmission.show(
-        () => mesh.message ?? transmissionDrawing(state, unworn, this.#id),
+        () => mesh.message ?? transmissionDrawing(state, unworn, asset.gear.pair.geometry, this.#id),
         `${name}-transmission-error`,
         subject,
       ),

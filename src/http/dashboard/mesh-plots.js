@@ -3,6 +3,12 @@
 import { depth, number } from "./format.js";
 import { palette } from "./plots.js";
 
+/** µm along the line of action for a radian of the driven gear. */
+export function umPerRadian({ teeth, module_mm: module, pressure_angle_deg: angle }) {
+  const baseRadius_mm = 0.5 * module * teeth[1] * Math.cos((angle * Math.PI) / 180);
+  return 1000 * baseRadius_mm;
+}
+
 function drawing(state, unworn, { key, scale, title, unit }, revision) {
   const colour = palette();
   const curve = (of, line) => ({
@@ -51,12 +57,12 @@ export function stiffnessDrawing(state, unworn, revision) {
   );
 }
 
-/** Unloaded static transmission error of a state and of the unworn one. */
-export function transmissionDrawing(state, unworn, revision) {
+/** Unloaded static transmission error of a state and of the unworn one, along the line of action. */
+export function transmissionDrawing(state, unworn, geometry, revision) {
   return drawing(
     state,
     unworn,
-    { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad" },
+    { key: "uste_rad", scale: umPerRadian(geometry), title: "Transmission error", unit: "µm" },
     revision,
   );
 }

@@ -5,7 +5,11 @@ import { number } from "./format.js";
 const MAX_BINS = 4;
 const MIN_SPREAD = 0.01; // relative spread below which all records count as equal
 const QUANTITIES = {
-  speed: { name: "shaft speed", unit: "Hz", of: (segment) => segment.shaft_speed?.shaft_speed_hz },
+  speed: {
+    name: "shaft speed",
+    unit: "rpm",
+    of: ({ shaft_speed: speed }) => speed && 60 * speed.shaft_speed_hz,
+  },
   torque: { name: "torque", unit: "N·m", of: (segment) => segment.operating_point?.torque_nm },
 };
 

@@ -201,6 +201,7 @@ export class PreviewPanel {
       if (preview.geometry && !own) this.#limits = undefined;
       return;
     }
+    preview.model.base_radius_mm = preview.geometry.gears[1].base_radius_mm;
     this.#setLimits(preview, request);
     this.#preview = preview;
     this.#showNotice(null);
@@ -284,7 +285,7 @@ export class PreviewPanel {
           const wear = this.#value(this.#wear, (step / AHEAD) * Number(this.#wear.input.max));
           const { model: deeper } = await api.preview({ ...request, wear_um: wear });
           if (extents.key !== key) return;
-          if (deeper) extents.include(deeper);
+          if (deeper) extents.include({ ...deeper, base_radius_mm: model.base_radius_mm });
         }
         await this.redraw();
       } catch (error) {

@@ -118,17 +118,18 @@ export function stiffnessPlot(model, extents) {
   });
 }
 
-/** Unloaded transmission error over a mesh period. */
+/** Unloaded transmission error over a mesh period, along the line of action. */
 export function transmissionPlot(model, extents) {
-  const range = peakToPeak(model.worn.uste_rad) * 1e6;
-  const sub = `Unloaded, ${number(range < 1e-3 ? 0 : range, 3)} µrad peak to peak at the driven gear.`;
+  const scale = 1000 * model.base_radius_mm;
+  const range = peakToPeak(model.worn.uste_rad) * scale;
+  const sub = `Unloaded, ${number(range < 1e-4 ? 0 : range, 3)} µm peak to peak along the line of action.`;
   return overMesh(model, extents, {
     key: "uste_rad",
-    scale: 1e6,
+    scale,
     title: "Transmission error",
-    unit: "µrad",
+    unit: "µm",
     sub,
-    least: 1e-3,
+    least: 1e-4,
   });
 }
 

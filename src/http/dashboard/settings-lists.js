@@ -107,14 +107,17 @@ function ruleOf([
   });
 }
 
+const rpm = (hz) => (hz == null ? hz : tidy(60 * hz));
+const hertz = (text) => (text.trim() === "" ? text : String(tidy(Number(text) / 60)));
+
 const BIN = [
   { label: "Name", path: "name", value: ({ name }) => name, input: text({ placeholder: "full load" }) },
   {
-    label: "Shaft speed from (Hz)",
+    label: "Shaft speed from (rpm)",
     path: "shaft_speed_hz",
-    value: ({ shaft_speed_hz: range }) => range?.[0],
+    value: ({ shaft_speed_hz: range }) => rpm(range?.[0]),
   },
-  { label: "up to", value: ({ shaft_speed_hz: range }) => range?.[1] },
+  { label: "up to", value: ({ shaft_speed_hz: range }) => rpm(range?.[1]) },
   { label: "Torque from (N·m)", path: "torque_nm", value: ({ torque_nm: range }) => range?.[0] },
   { label: "up to", value: ({ torque_nm: range }) => range?.[1] },
 ];
@@ -124,7 +127,7 @@ function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
     low.trim() === "" && high.trim() === "" ? undefined : [number(low) ?? null, number(high) ?? null];
   return given({
     name: name.trim(),
-    shaft_speed_hz: range(speedLow, speedHigh),
+    shaft_speed_hz: range(hertz(speedLow), hertz(speedHigh)),
     torque_nm: range(torqueLow, torqueHigh),
   });
 }
