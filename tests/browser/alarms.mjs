@@ -63,6 +63,7 @@ export const CHECKS = {
     await detail.getByLabel("Comment", { exact: true }).fill("looked at the flanks");
     await detail.getByRole("button", { name: "Acknowledge" }).click();
     await detail.getByText("Acknowledged.").waitFor();
+    assert.ok(await detail.evaluate((panel) => panel.contains(document.activeElement)), "the focus stays");
     await detail.locator(".alarm-history q", { hasText: "looked at the flanks" }).waitFor();
     await row(page, id).waitFor({ state: "detached" });
     const { id: alarm, state } = await alarmOf(id);
@@ -289,6 +290,14 @@ export const CHECKS = {
       .waitFor();
     await row(opened.page, id).waitFor();
     await noSidewaysScrolling(opened.page);
+    // a chosen alarm is brought into view, above the list
+    await opened.page.goto(opened.page.url().replace(/[?&]alarm=.*/, ""));
+    await row(opened.page, id).getByRole("link", { name: "RMS" }).click();
+    await opened.page.waitForFunction(() => document.activeElement?.ariaLabel === "Selected alarm");
+    const detail = opened.page.getByRole("region", { name: "Selected alarm" });
+    await detail.getByText("warning raised at").waitFor();
+    const { y } = await detail.boundingBox();
+    assert.ok(y >= 0 && y < 422, `in the upper half of the screen: ${y}`);
     await close(opened, name);
     await removeAsset(id);
   },

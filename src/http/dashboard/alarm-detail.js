@@ -32,6 +32,7 @@ export class AlarmDetail {
   #id;
   #alarm;
   #isActing = false;
+  #nameOf;
   #head = h("div", { class: "alarm-head" });
   #history = h("ol", { class: "alarm-history" });
   #by = h("input", { id: "alarm-by", autocomplete: "name", maxlength: 200, required: true });
@@ -56,7 +57,7 @@ export class AlarmDetail {
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
   #addComment = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
-  #result = h("p", { class: "result", role: "status" });
+  #result = h("p", { class: "result", role: "status", tabindex: -1 });
   #notice = h("p", { class: "notice" }, "Select an alarm to see its history, acknowledge it or shelve it.");
   #shelving = h(
     "span",
@@ -84,13 +85,21 @@ export class AlarmDetail {
   );
   element = h(
     "section",
-    { class: "card alarm-detail", "aria-label": "Selected alarm" },
+    { class: "card alarm-detail", "aria-label": "Selected alarm", tabindex: -1 },
     this.#notice,
     this.#body,
   );
 
-  constructor() {
+  /** `nameOf(id)` is the name of an asset. */
+  constructor(nameOf) {
+    this.#nameOf = nameOf;
     this.#by.value = storedName();
+  }
+
+  /** Brings the details into view and moves the focus to them. */
+  focus() {
+    this.element.focus({ preventScroll: true });
+    this.element.scrollIntoView({ block: "start" });
   }
 
   /** Shows the alarm with this id, or a hint when none is selected. */
@@ -129,7 +138,7 @@ export class AlarmDetail {
     setChildren(
       this.#head,
       h("div", { class: "plot-head" }, h("h2", {}, quantityWords(quantity)), severityBadge(severity, 24)),
-      h("p", {}, h("a", { href: overview }, asset), ` · channel ${channel}`),
+      h("p", {}, h("a", { href: overview }, this.#nameOf(asset)), ` · channel ${channel}`),
       h(
         "p",
         {},
@@ -188,11 +197,14 @@ export class AlarmDetail {
       });
       if (id !== this.#id) return; // another alarm has been selected
       this.#comment.value = "";
+      const { activeElement } = document;
       this.#render(alarm);
       this.#showStatus(
         "good",
         `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
+      // the pressed button may be gone
+      if (activeElement instanceof HTMLElement && activeElement.hidden) this.#result.focus();
     } catch (error) {
       if (id === this.#id) this.#showStatus("bad", `Action failed: ${error.message}.`);
     } finally {

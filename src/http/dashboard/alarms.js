@@ -19,6 +19,10 @@ import { KeyedRows } from "./keyed-rows.js";
 import { change, format, parse } from "./route.js";
 
 const LIMIT = 200;
+const BELOW = "(max-width: 68rem)"; // where the details are not beside the list, as in alarms.css
+
+/** Position in the list: danger first. */
+const rankOf = ({ severity }) => ["danger", "warning", null].indexOf(severity ?? null);
 
 const FILTERS = [
   ["", "To do", "unacknowledged,returned_unacknowledged"],
@@ -59,7 +63,9 @@ export class AlarmsPage {
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
-  #detail = new AlarmDetail();
+  #names = new Map(); // of assets, by their ids
+  #detail = new AlarmDetail((id) => this.#names.get(id) || id);
+  #isChosen = false; // whether an alarm was chosen whose details are not shown yet
   #notifications = new NotificationList();
   #bulk = new BulkAcknowledge();
   #rows = new KeyedRows(
@@ -101,6 +107,7 @@ export class AlarmsPage {
 
   /** Reacts to a changed address. */
   update(route) {
+    this.#isChosen ||= route.query.alarm !== this.#query.alarm;
     this.#query = route.query;
     return true;
   }
@@ -111,22 +118,35 @@ export class AlarmsPage {
     const [, , state] = FILTERS.find(([key]) => key === show) ?? FILTERS[0];
     const [answer] = await Promise.all([
       api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)),
-      this.#detail.show(alarm, signal),
       this.#notifications.refresh(signal),
     ]);
+    if (!(answer instanceof Error)) await this.#fetchNames(answer.items, signal);
+    await this.#detail.show(alarm, signal);
+    if (this.#isChosen && alarm && matchMedia(BELOW).matches) this.#detail.focus();
+    this.#isChosen = false;
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
     if (!(answer instanceof Error)) await fetchUnits(answer.items, signal);
     [this.#shown, this.#asked] = [answer, asked];
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(key === show));
     this.#asset.hidden = !asset;
-    setText(this.#asset, `Only ${asset} ✕`);
-    this.#asset.setAttribute("aria-label", `Only ${asset}; show all assets`);
+    const name = this.#names.get(asset) || asset;
+    setText(this.#asset, `Only ${name} ✕`);
+    this.#asset.setAttribute("aria-label", `Only ${name}; show all assets`);
     this.#render(answer, show);
   }
 
+  /** Fetches the names of assets when one is listed for the first time. */
+  async #fetchNames(alarms, signal) {
+    const unknown = alarms.filter(({ asset_id: id }) => !this.#names.has(id));
+    if (unknown.length === 0) return;
+    const assets = await api.answer(api.assets(signal));
+    for (const { id, name } of assets instanceof Error ? [] : assets) this.#names.set(id, name);
+    for (const { asset_id: id } of unknown) if (!this.#names.has(id)) this.#names.set(id, "");
+  }
+
   #render(answer, show) {
-    const items = answer instanceof Error ? [] : answer.items;
+    const items = answer instanceof Error ? [] : answer.items.toSorted((a, b) => rankOf(a) - rankOf(b));
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
     if (answer instanceof Error) setText(this.#notice, answer.message);
@@ -149,7 +169,8 @@ export class AlarmsPage {
     const shown = new Set(items.map(({ id }) => id));
     for (const id of this.#ages.keys()) if (!shown.has(id)) this.#ages.delete(id);
     const { query } = parse(location.hash);
-    this.#rows.show(items, (alarm) => JSON.stringify([alarm, unitOf(alarm), query]));
+    const nameOf = ({ asset_id: id }) => this.#names.get(id);
+    this.#rows.show(items, (alarm) => JSON.stringify([alarm, nameOf(alarm), unitOf(alarm), query]));
   }
 
   #row(alarm) {
@@ -173,6 +194,7 @@ export class AlarmsPage {
       quantityWords(quantity),
     );
     const { open: todo, words } = ALARM_STATES[state] ?? {};
+    const name = this.#names.get(asset);
     const row = h(
       "tr",
       { "data-alarm": id, "data-state": state, "aria-current": this.#query.alarm === id ? "true" : null },
@@ -182,15 +204,17 @@ export class AlarmsPage {
         h(
           "span",
           { class: "alarm-severity" },
-          todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null,
+          todo
+            ? this.#bulk.box(id, `${quantityWords(quantity)} of ${name || asset}, channel ${channel}`)
+            : null,
           severityBadge(severity),
         ),
       ),
       h(
         "th",
         { scope: "row" },
-        h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset),
-        h("span", { class: "muted id" }, channel),
+        h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, name || asset),
+        h("span", { class: "muted id" }, `${name ? `${asset} · ` : ""}channel ${channel}`),
       ),
       h("td", { "data-label": "Quantity" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
       h("td", { "data-label": "Reading" }, reading(value, alarm)),

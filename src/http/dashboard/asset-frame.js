@@ -109,6 +109,7 @@ export function crumbs(...links) {
 export class AssetFrame {
   #page;
   #title = h("h1");
+  #crumbs;
   #tabs;
   element;
 
@@ -116,19 +117,15 @@ export class AssetFrame {
     this.#page = page;
     this.#tabs = new AssetTabs(id, page);
     this.#title.textContent = id;
-    this.element = h(
-      "header",
-      { class: "asset-header" },
-      crumbs(["#/", "Fleet"], [format({ page: "asset", id }), id]),
-      this.#title,
-      this.#tabs.element,
-    );
+    this.#crumbs = crumbs(["#/", "Fleet"], [format({ page: "asset", id }), id]);
+    this.element = h("header", { class: "asset-header" }, this.#crumbs, this.#title, this.#tabs.element);
   }
 
   /** Shows the asset's name and the links, which keep the selection; `asset` is known later than its id. */
   update(name, query, asset) {
     const label = VIEWS.find(([page]) => page === this.#page)[1];
     setText(this.#title, name);
+    setText(this.#crumbs.querySelector("a:last-child"), name);
     document.title = `${label} · ${name} · flankwatch`;
     this.#tabs.update(query, asset);
   }
