@@ -279,7 +279,8 @@ impl<'a> Comb<'a> {
             lines.map(|position| self.lines.at(position) - self.typical)
         };
         let (between, on) = (above_typical(0.5), above_typical(0.0));
-        between.clone().count() >= 2 && between.sum::<f64>() > 0.5 * on.sum::<f64>()
+        between.clone().count() >= min_harmonics(self.sought) as usize
+            && between.sum::<f64>() > 0.5 * on.sum::<f64>()
     }
 
     /// Returns how many of a shaft's harmonics and sidebands around a mesh have a line, and their score.
