@@ -48,7 +48,8 @@ fn a_recording_without_a_time_shows_none_and_channels_are_chosen() {
     assert!(other.out().contains(",500,400,"), "{}", other.out());
     let found = analyze(&[&words[1..], &["--record-seconds", "0.2"]].concat());
     assert_eq!((found.len(), &found[1]["start_time"], &found[1]["channel"]), (2, &Value::Null, &"x".into()));
-    flankwatch(&["analyze", &name, "--channels", "x"]).expect_failure(&["sampling rate is missing", "(see --rate)"]);
+    flankwatch(&["analyze", &name, "--channels", "x"])
+        .expect_failure(&["sampling rate is missing", "(see --rate)"]);
 }
 
 #[test]

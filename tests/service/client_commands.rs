@@ -77,7 +77,7 @@ fn replay_needs_times_and_goes_on_after_a_file_that_cannot_be_read() {
     let one = ["--start-time", "2026-01-02T00:00:00Z", "--channels", "2"];
     let output = flankwatch(&[&["replay", &undated], &to[..], &one].concat()).expect_success();
     assert!(output.out().starts_with("1 record sent to "), "{}", output.out());
-    let channels = &service.get("/v1/assets/pump").expect(200).json()["channels"];
+    let channels = &service.get("/v1/assets/pump").expect(200).json()["summary"]["channels"];
     assert_eq!(channels, &json!(["1", "2"]));
     let none = ["--start-time", "2026-01-02T00:00:00Z", "--channels", "3"];
     flankwatch(&[&["replay", &undated], &to[..], &none].concat()).expect_failure(&["c.wav", "channel is 3"]);

@@ -101,7 +101,8 @@ pub(in crate::cli) fn run(args: &ExportArgs) -> Result<(), CliError> {
         text += &format!(" of channel {channel:?} in {}", args.output.display());
         let asset = success_body(&asset_url, args.server.authorized(agent.get(&asset_url)).call())?;
         let asset: serde_json::Value = serde_json::from_str(&asset).unwrap_or_default();
-        let channels = asset["channels"].as_array().into_iter().flatten().filter_map(|name| name.as_str());
+        let channels =
+            asset["summary"]["channels"].as_array().into_iter().flatten().filter_map(|name| name.as_str());
         let others: Vec<&str> = channels.filter(|name| *name != channel).collect();
         if args.channel.is_none() && !others.is_empty() {
             text += &format!(" (other channels: {}; see --channel)", others.join(", "));

@@ -147,12 +147,12 @@ impl Sender<'_> {
                 let detail = "no time in the recording, expected --start-time or --time-from-name";
                 return Err(CliError::file(path)(detail));
             }
-            *next_start = (*next_start).max(recorded.record.end_time());
+            *next_start = args.values.next_start(*next_start, recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded, progress)?;
             progress.set_read(file.bytes_read());
         }
-        *next_start = file.end_time().map_or(*next_start, |end| end.max(*next_start));
+        *next_start = file.end_time().map_or(*next_start, |end| args.values.next_start(*next_start, end));
         Ok(())
     }
 

@@ -42,6 +42,12 @@ impl RecordingValues {
         self.start_time.unwrap_or_default()
     }
 
+    /// Returns the time at which the next recording without one begins, after one that ends at `end`. Without
+    /// the option such recordings follow only each other.
+    pub(in crate::cli) fn next_start(&self, next_start: Timestamp, end: Timestamp) -> Timestamp {
+        if self.is_dated(end) && self.start_time.is_none() { next_start } else { next_start.max(end) }
+    }
+
     /// Returns whether a record's time is known.
     pub(in crate::cli) fn is_dated(&self, start_time: Timestamp) -> bool {
         self.start_time.is_some() || start_time >= END_OF_1970

@@ -104,11 +104,12 @@ impl<'a> Analysis<'a> {
                 undated
                     .get_or_insert_with(|| progress.print(&format!("note: {}: {UNDATED}", path.display())));
             }
-            *next_start = (*next_start).max(recorded.record.end_time());
+            *next_start = self.args.values.next_start(*next_start, recorded.record.end_time());
             self.analyze_record(path, recorded);
             progress.set_read(file.bytes_read());
         }
-        *next_start = file.end_time().map_or(*next_start, |end| end.max(*next_start));
+        *next_start =
+            file.end_time().map_or(*next_start, |end| self.args.values.next_start(*next_start, end));
         Ok(())
     }
 
