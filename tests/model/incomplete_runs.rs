@@ -61,7 +61,11 @@ fn an_analysis_is_printed_although_its_library_cannot_be_kept() {
     fs::write(&data, "").unwrap();
     let words = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--format", "csv"];
     let output = flankwatch(&words);
-    assert!(output.out().lines().count() == 23 && output.out().contains("library_failed"), "{}", output.out());
+    assert!(
+        output.out().lines().count() == 23 && output.out().contains("library_failed"),
+        "{}",
+        output.out()
+    );
     output.expect_failure(&["error: ", "data"]);
     flankwatch(&["analyze", &run, "--report", &path(&folder, "none/r.html")]).expect_failure(&[
         "r.html",

@@ -212,10 +212,7 @@ pub(crate) async fn append(
         (status = 409, description = "The upload is being written or processed"),
     ),
 )]
-pub(crate) async fn cancel(
-    State(app): State<App>,
-    NamePath(id): NamePath,
-) -> Result<StatusCode, Problem> {
+pub(crate) async fn cancel(State(app): State<App>, NamePath(id): NamePath) -> Result<StatusCode, Problem> {
     resumable::cancel(&app, &id).await?;
     Ok(StatusCode::NO_CONTENT)
 }

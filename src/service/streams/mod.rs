@@ -276,7 +276,11 @@ impl Streams {
     }
 
     /// Removes streams from memory, and their folders unless these are held.
-    async fn remove_from_memory(&self, gone: Vec<Arc<LiveStream>>, is_held: bool) -> Result<(), ServiceError> {
+    async fn remove_from_memory(
+        &self,
+        gone: Vec<Arc<LiveStream>>,
+        is_held: bool,
+    ) -> Result<(), ServiceError> {
         let remove = move || {
             for stream in gone {
                 stream.remove(is_held)?;
