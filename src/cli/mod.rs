@@ -176,7 +176,7 @@ pub fn run() -> ExitCode {
         Command::Quarantine(args) => quarantine::run(args),
         Command::Completions(args) => completions::complete(args, Cli::command()),
         Command::Manual(args) => completions::write_manual(args, Cli::command()),
-        Command::Convert(args) => convert::run(args).map_err(CliError::from),
+        Command::Convert(args) => convert::run(args),
     });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -48,14 +48,14 @@ fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
     // Revalidated each time: a new version of the program may change a file under the same name.
     match fields(headers, file.name, etag::of_bytes(&[file.bytes]), "no-cache") {
         Ok(fields) => (fields, file.bytes).into_response(),
-        Err(not_modified) => not_modified,
+        Err(not_modified) => *not_modified,
     }
 }
 
 async fn send_plotly(headers: &HeaderMap) -> Response {
     let fields = match fields(headers, PLOTLY_NAME, PLOTLY_ETAG.clone(), "public, max-age=86400") {
         Ok(fields) => fields,
-        Err(not_modified) => return not_modified,
+        Err(not_modified) => return *not_modified,
     };
     let vary = [(header::VARY, "accept-encoding")];
     let takes_gzip = headers
@@ -77,10 +77,10 @@ fn fields(
     name: &str,
     etag: HeaderValue,
     caching: &'static str,
-) -> Result<[(HeaderName, HeaderValue); 3], Response> {
+) -> Result<[(HeaderName, HeaderValue); 3], Box<Response>> {
     let caching = (header::CACHE_CONTROL, HeaderValue::from_static(caching));
     if is_known(headers, &etag) {
-        return Err(([caching], not_modified(etag)).into_response());
+        return Err(Box::new(([caching], not_modified(etag)).into_response()));
     }
     let content_type = HeaderValue::from_static(content_type(name));
     Ok([(header::CONTENT_TYPE, content_type), (header::ETAG, etag), caching])

@@ -133,11 +133,9 @@ impl RecordingFile {
     /// Returns the sampling rate in hertz that a WAV or FLAC header states, which a given one overrides.
     pub fn header_rate_hz(&self) -> Option<f64> {
         let Records::Cut(blocks) = &self.records else { return None };
-        let info = match &blocks.frames().frames {
-            AnyFrames::Wav(frames) => frames.info(&RecordDefaults::default()),
-            AnyFrames::Flac(frames) => frames.info(&RecordDefaults::default()),
-            _ => return None,
-        };
+        let frames = blocks.frames();
+        let has_header = matches!(frames.format, Format::Wav | Format::Flac);
+        let info = has_header.then(|| frames.frames.info(&RecordDefaults::default()))?;
         info.ok().map(|info| info.sample_rate_hz)
     }
 

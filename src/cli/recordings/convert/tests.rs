@@ -132,11 +132,11 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
     fs::write(folder.path("timed.csv"), "Zeit [s];a\n0,0;1\n0,1;2\n").unwrap();
     let before = folder.names();
     for (input, output, options, expected) in [
-        ("in.csv", "out.mcap", "--rate 10 --unit g", "in.csv\": csv line 3, column \"a\": \"x\""),
+        ("in.csv", "out.mcap", "--rate 10 --unit g", "in.csv: csv line 3, column \"a\": \"x\""),
         ("in.csv", "out.wav", "--rate 10 --unit g", "csv line 3"),
         ("good.csv", "out.mcap", "--unit g", "the sampling rate is missing"),
         ("good.csv", "out.mcap", "--rate 10", "--unit is missing"),
-        ("good.csv in.csv", "out.mcap", "--rate 10 --unit g", "in.csv\": csv line 3"),
+        ("good.csv in.csv", "out.mcap", "--rate 10 --unit g", "in.csv: csv line 3"),
         ("good.csv good.csv", "out.wav", "--rate 10 --unit g", "in .mcap for several recordings"),
         ("none-*.csv", "out.mcap", "--rate 10 --unit g", "no file matches"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --scale 0", "--scale is 0"),
