@@ -327,7 +327,7 @@ impl From<ServiceError> for Problem {
             ServiceError::StreamFormat { field, ref value, .. } => {
                 let mut problem = Self::new(StatusCode::CONFLICT, error.to_string());
                 problem.0.field = Some(field.to_owned());
-                problem.0.value = Some(value.clone());
+                problem.0.value = Some(value.to_string());
                 problem
             }
             ServiceError::StreamHeld { .. } | ServiceError::StreamTaken => {

@@ -115,14 +115,14 @@ pub enum ServiceError {
         /// The field of the format that differs.
         field: &'static str,
         /// The requested value.
-        value: String,
+        value: Box<str>,
         /// The stream's value.
-        expected: String,
+        expected: Box<str>,
     },
     /// A live stream belongs to an earlier asset of the same name, and removals are suspended.
     #[error(
-        "stream {name:?} belongs to an earlier asset {asset}, which the database may have lost: run `flankwatch rebuild`, or use \
-                 another name"
+        "stream {name:?} belongs to an earlier asset {asset}, which the database may have lost: \
+         run `flankwatch rebuild`, or use another name"
     )]
     StreamHeld {
         /// The asset.

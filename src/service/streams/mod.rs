@@ -167,6 +167,7 @@ impl Streams {
                 };
                 if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
                     let (asset, name) = (opened.asset.clone(), opened.name.clone());
+                    let (value, expected) = (value.into(), expected.into());
                     return Err(ServiceError::StreamFormat { asset, name, field, value, expected });
                 }
                 let owner = if opened.place.is_shared() {
