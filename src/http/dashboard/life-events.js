@@ -70,6 +70,20 @@ export function sameEvents(a, b) {
   );
 }
 
+/** What a quantity is computed from: an indicator, `novelty`, `wear_um`, … */
+const subjectOf = (quantity) =>
+  quantity?.rate_per_day
+    ? subjectOf(quantity.rate_per_day)
+    : (quantity?.indicator ??
+      { wear_above_limit: "wear_um", joint_novelty: "novelty" }[quantity] ??
+      quantity);
+
+/** The events with the alarms of some quantities only, those that a plot shows. */
+export const eventsOn = (events, names) => ({
+  ...events,
+  alarms: events.alarms.filter(({ quantity }) => names.includes(subjectOf(quantity))),
+});
+
 /** Times at which readings raised or ended an alarm. */
 function changes(alarms) {
   return alarms.flatMap((alarm) =>

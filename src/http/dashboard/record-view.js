@@ -31,7 +31,7 @@ const cursorIn = (spectrum, query, parameter = "cursor") =>
 /** The record section of an asset's page. */
 export class RecordView {
   #time = h("h2");
-  #words = h("p", { class: "muted" });
+  #words = h("p", { class: "muted record-words" });
   #pinnedWords = h("p", { class: "pinned-value", hidden: true });
   #values = h("dl", { class: "facts values" });
   #previous = h("button", { type: "button", onclick: () => this.#step(-1) }, "◀ Previous");

@@ -3,7 +3,7 @@
 import { detailWords } from "./fine-history.js";
 import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
-import { eventMarks, wordsAt } from "./life-events.js";
+import { eventMarks, eventsOn, wordsAt } from "./life-events.js";
 import { velocityZones } from "./velocity-zones.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
@@ -114,7 +114,7 @@ function axisTitle(pane, units) {
 }
 
 /** Alarm levels of an indicator as labelled lines over its pane. */
-function levelLines(name, rules, suffix, colour, logarithmic) {
+function levelLines(name, rules, unitName, suffix, colour, logarithmic) {
   const rule = rules.find(({ quantity }) => quantity === name || quantity?.indicator === name);
   const all = ["warning", "danger"].flatMap((severity) => [
     { severity, side: "above", level: rule?.[severity] },
@@ -135,11 +135,11 @@ function levelLines(name, rules, suffix, colour, logarithmic) {
     })),
     annotations: levels.map(({ severity, side, level }) => ({
       ...place,
-      x: 0.005,
-      xanchor: "left",
+      // the labels of two levels may be at the same height
+      ...(severity === "warning" ? { x: 0.005, xanchor: "left" } : { x: 0.995, xanchor: "right" }),
       yanchor: side === "above" ? "bottom" : "top",
       y: logarithmic ? Math.log10(level) : level,
-      text: `${severity} ${side} ${number(level)}`,
+      text: `${severity} ${side} ${number(level)} ${unit(unitName)}`.trim(),
       showarrow: false,
       font: { color: colour[severity] },
     })),
@@ -159,6 +159,7 @@ export function trendDrawing(
   { revision, bins = null, events, range, rules = [], limits = null },
 ) {
   const { items, units, channel } = indicators;
+  const shownEvents = eventsOn(events, names);
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -173,7 +174,7 @@ export function trendDrawing(
     xaxis: { ...timeAxis(), anchor: panes.length > 1 ? `y${panes.length}` : "y" },
     shapes: selected ? [verticalLine(selected, colour.select, "solid", 2)] : [],
   };
-  const caused = wordsAt(events);
+  const caused = wordsAt(shownEvents);
   const traces = [];
   const entries = [];
   const annotations = [];
@@ -207,7 +208,7 @@ export function trendDrawing(
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
     const drawn = shown.flatMap((name) => items.map((item) => item[name])).filter(Number.isFinite);
     if (shown.length === 1) {
-      const levels = levelLines(shown[0], rules, suffix, colour, logarithmic);
+      const levels = levelLines(shown[0], rules, units[shown[0]], suffix, colour, logarithmic);
       layout.shapes.push(...levels.shapes);
       annotations.push(...levels.annotations);
       // shapes do not widen an axis, traces do; a level far above all values would flatten them
@@ -259,7 +260,7 @@ export function trendDrawing(
   });
   // points at the ends would widen the axis, which must match the wear plot above
   if (range ?? bins) layout.xaxis.range = range ?? [times[0], times.at(-1)];
-  const happened = eventMarks(events, colour, items);
+  const happened = eventMarks(shownEvents, colour, items);
   layout.shapes.push(...happened.shapes);
   layout.annotations = [...annotations, ...happened.annotations];
   layout.margin = { ...timeMargin, t: timeMargin.t + happened.top };

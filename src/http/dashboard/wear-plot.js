@@ -5,7 +5,7 @@ import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
 import { hindsightLines } from "./hindsight.js";
 import { inspectionMarks } from "./inspection.js";
-import { eventMarks, wordsAt } from "./life-events.js";
+import { eventMarks, eventsOn, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The outline of a band: one closed polygon per run of records that have both edges. */
@@ -29,7 +29,8 @@ function bandOutline(items, low, high) {
   return { x, y };
 }
 
-function limitLine(name, value, colour, dash, ends) {
+/** A level with its label: at the start of the line for a limit, at its end for the level of an alarm. */
+function limitLine(name, value, colour, dash, ends, isLimit) {
   const trace = {
     x: ends,
     y: [value, value],
@@ -51,11 +52,9 @@ function limitLine(name, value, colour, dash, ends) {
   const annotation = {
     text,
     xref: "paper",
-    x: 0,
-    xanchor: "left",
-    xshift: 22,
+    ...(isLimit ? { x: 0, xanchor: "left", xshift: 22 } : { x: 1, xanchor: "right", xshift: -4 }),
     y: value,
-    yanchor: "bottom",
+    yanchor: isLimit ? "bottom" : "top",
     showarrow: false,
     font: { color: colour },
   };
@@ -187,8 +186,9 @@ export function formatTime(range) {
  * Draws a wear history; `selected` is the start time of the displayed record, `zoomed` a time range or null,
  * `rule` the alarm rule on the depth.
  */
-export function wearDrawing(history, limits, selected, revision, latest, events, zoomed, rule) {
+export function wearDrawing(history, limits, selected, revision, latest, allEvents, zoomed, rule) {
   const { channel, items } = history;
+  const events = eventsOn(allEvents, ["wear_um"]);
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
@@ -279,7 +279,7 @@ export function wearDrawing(history, limits, selected, revision, latest, events,
     ];
     for (const [words, level] of levels) {
       if (level == null) continue;
-      const line = limitLine(words, level, colour[name], dash, ends);
+      const line = limitLine(words, level, colour[name], dash, ends, words === name);
       traces.push(line.trace);
       shapes.push(line.shape);
       annotations.push(line.annotation);
