@@ -62,6 +62,22 @@ export const CHECKS = {
     assert.deepEqual(opened.faults, []);
   },
 
+  "a long pause between records is marked in the waterfall": async () => {
+    const { page } = await open(`#/assets/${asset}/waterfall`, {}, (page) =>
+      page.route(/\/v1\/.*\/waterfall/, async (route) => {
+        const answer = await route.fetch();
+        const json = await answer.json();
+        json.items.splice(20, 60);
+        await route.fulfill({ response: answer, json });
+      }),
+    );
+    await drawn(page, "waterfall");
+    const pauses = page.locator('[data-plot="waterfall"] .annotation', { hasText: "min without records" });
+    assert.equal(await pauses.count(), 1);
+    await page.getByText("long pauses are marked").waitFor();
+    await page.context().close();
+  },
+
   "a bearing is chosen for the cursor over the waterfall": async (name) => {
     const opened = await open(`#/assets/${asset}/waterfall?axis=orders&max=20`);
     const { page } = opened;

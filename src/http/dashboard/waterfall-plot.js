@@ -1,6 +1,6 @@
 // Draws a waterfall: one row of cells per record, coloured by level.
 
-import { clock, count, number, unit } from "./format.js";
+import { clock, count, number, span, unit } from "./format.js";
 import { palette } from "./plots.js";
 import { written, zoneName } from "./time-zone.js";
 
@@ -15,6 +15,8 @@ const SCALE = [
   [1, "#fde725"],
 ];
 const TICKS = 9;
+const GAP = 5; // times the usual interval between records, from which a pause is marked
+const MAX_GAPS = 8; // the longest ones
 
 function timeTicks(items) {
   const day = (item) => written(item.start_time).slice(0, 10);
@@ -31,6 +33,43 @@ function timeTicks(items) {
     ),
   };
 }
+
+/** Long pauses between records, whose rows follow each other all the same: `{ row, seconds }` each. */
+function gapsOf(items) {
+  const pauses = items.slice(1).map((item, n) => ({
+    row: n + 0.5,
+    seconds: (Date.parse(item.start_time) - Date.parse(items[n].start_time)) / 1000,
+  }));
+  const usual = pauses.map(({ seconds }) => seconds).sort((a, b) => a - b)[pauses.length >> 1];
+  return pauses
+    .filter(({ seconds }) => seconds > GAP * usual)
+    .sort((a, b) => b.seconds - a.seconds)
+    .slice(0, MAX_GAPS);
+}
+
+/** Marks of pauses: a line between two rows, with its length. */
+const gapMarks = (gaps, colour) => ({
+  shapes: gaps.map(({ row }) => ({
+    type: "line",
+    xref: "paper",
+    x0: 0,
+    x1: 1,
+    y0: row,
+    y1: row,
+    line: { color: colour.surface, width: 3 },
+  })),
+  annotations: gaps.map(({ row, seconds }) => ({
+    xref: "paper",
+    x: 1,
+    xanchor: "right",
+    y: row,
+    yanchor: "middle",
+    text: `${span(seconds)} without records`,
+    showarrow: false,
+    bgcolor: colour.surface,
+    font: { color: colour.ink },
+  })),
+});
 
 /** Red, green and blue of 256 levels from lowest to highest. */
 function lookup() {
@@ -143,6 +182,9 @@ export function waterfallDrawing(
       showarrow: false,
       font: { color: colour.reference },
     }));
+  const gaps = gapMarks(gapsOf(known), colour);
+  shapes.unshift(...gaps.shapes);
+  annotations.push(...gaps.annotations);
   const first = written(known[0].start_time).slice(0, 10);
   const last = written(known.at(-1).start_time).slice(0, 10);
   return {
@@ -157,7 +199,7 @@ export function waterfallDrawing(
       ["segment_id", known.map((item) => item.segment_id)],
       ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])]),
     ],
-    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " sampled evenly" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; a cursor reads the latest one.${harmonics.length ? " 1×, 2×… are mesh harmonics." : ""}`,
+    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " sampled evenly" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. One row per record${gaps.shapes.length ? "; long pauses are marked" : ""}. Click a line to open its record; a cursor reads the latest one.${harmonics.length ? " 1×, 2×… are mesh harmonics." : ""}`,
     summary: `Heat map of ${known.length} spectra from ${clock(known[0].start_time)} to ${clock(known.at(-1).start_time)}.`,
     layout: {
       uirevision: revision,
