@@ -154,7 +154,7 @@ export const CHECKS = {
     const redraws = [];
     for (let turn = 0; turn < 3; turn++)
       redraws.push(await timed(page, '() => document.dispatchEvent(new CustomEvent("themechange"))'));
-    say("drawing the page's still plots", redraws, 200);
+    say("drawing the page's static plots", redraws, 200);
     await drawn(page, "wear");
     await drawn(page, "trends");
     await page.waitForTimeout(1500);

@@ -1,4 +1,4 @@
-// What the pointer does on a still plot while the plotting library loads, for the plot that takes its place:
+// What the pointer does on a static plot while the plotting library loads, for the plot that takes its place:
 // a click or a drag may begin before the library is there.
 
 const NOTED = ["mousemove", "mousedown", "mouseup"];
