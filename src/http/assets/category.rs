@@ -67,7 +67,7 @@ impl Category {
         library_state: &str,
     ) -> Self {
         let beyond = |limit: Option<f64>| {
-            limit.zip(wear.and_then(|wear| wear.median_um)).is_some_and(|(limit, um)| um >= limit)
+            limit.zip(wear.and_then(WearEstimate::determined_depth_um)).is_some_and(|(limit, um)| um >= limit)
         };
         let status = wear.map(|wear| wear.status);
         if alarms.danger > 0 || beyond(limits.danger_um) || status == Some(WearStatus::SensorFault) {
