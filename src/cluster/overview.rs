@@ -32,19 +32,24 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
     let stream = connection.work().await?;
     let state = stream.cached_info().state.clone();
     let consumers = consumers(&stream).await?;
-    let in_work = consumers.iter().map(|consumer| consumer.num_ack_pending as u64).sum();
-    let known: u64 = consumers.iter().map(waiting_or_in_work).sum();
+    let in_progress = consumers.iter().map(|consumer| consumer.num_ack_pending as u64).sum();
+    let known: u64 = consumers.iter().map(waiting_or_in_progress).sum();
     let Some(first) = first_of(&stream, ANY_SUBJECT, state.first_sequence).await? else {
-        return Ok(QueueOverview { in_work, ..QueueOverview::default() });
+        return Ok(QueueOverview { in_progress, ..QueueOverview::default() });
     };
     // Messages up to a consumer's floor are acknowledged: those still stored are never delivered again. They
     // come to the front as the records before them are processed.
     let floor = consumers.iter().find(|consumer| delivers(consumer, &first.subject)).map_or(0, floor_of);
     if first.sequence > floor {
         let oldest_at = time_of(&first);
-        return Ok(QueueOverview { records: state.messages, in_work, oldest_at, ..QueueOverview::default() });
+        return Ok(QueueOverview {
+            records: state.messages,
+            in_progress,
+            oldest_at,
+            ..QueueOverview::default()
+        });
     }
-    let busy = consumers.iter().filter(|consumer| waiting_or_in_work(consumer) > 0);
+    let busy = consumers.iter().filter(|consumer| waiting_or_in_progress(consumer) > 0);
     let oldest = try_join_all(busy.map(|consumer| {
         let subject = match consumer.config.filter_subject.as_str() {
             "" => ANY_SUBJECT,
@@ -55,10 +60,10 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
     let oldest_at = oldest.await?.iter().flatten().filter_map(time_of).min();
     let leftovers = state.messages.saturating_sub(known);
     let records = state.messages.saturating_sub(leftovers);
-    Ok(QueueOverview { records, in_work, oldest_at, leftovers, ..QueueOverview::default() })
+    Ok(QueueOverview { records, in_progress, oldest_at, leftovers, ..QueueOverview::default() })
 }
 
-fn waiting_or_in_work(consumer: &Info) -> u64 {
+fn waiting_or_in_progress(consumer: &Info) -> u64 {
     consumer.num_pending + consumer.num_ack_pending as u64
 }
 

@@ -44,7 +44,7 @@ pub(super) struct Worker {
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
     /// Number of records in work.
-    in_work: Arc<AtomicU64>,
+    in_progress: Arc<AtomicU64>,
 }
 
 /// Outcome of a delivery.
@@ -68,7 +68,7 @@ impl Worker {
         // The service would reject more than that, and the worker would hold them.
         limits.at_once = limits.at_once.min(service.workers.queue().1).max(1);
         let name = overview::worker_name();
-        Self { name, connection, service, limits, stop, in_work: Arc::default() }
+        Self { name, connection, service, limits, stop, in_progress: Arc::default() }
     }
 
     /// Processes records until it is stopped, then finishes those in work.
@@ -117,13 +117,13 @@ impl Worker {
 
     /// Responds to status queries.
     fn respond(&self, owned: watch::Receiver<BTreeSet<u16>>) -> impl Future<Output = ()> + use<> {
-        let (service, in_work, at_once) =
-            (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
+        let (service, in_progress, at_once) =
+            (Arc::clone(&self.service), Arc::clone(&self.in_progress), self.limits.at_once);
         let name = self.name.clone();
         overview::respond(self.connection.clone(), move || WorkerOverview {
             name: name.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            in_work: in_work.load(Ordering::Relaxed),
+            in_progress: in_progress.load(Ordering::Relaxed),
             at_once: at_once as u64,
             stored: service.tally.of(RecordOutcome::Stored),
             partitions: owned.borrow().iter().copied().collect(),
@@ -151,10 +151,10 @@ impl Worker {
             return;
         };
         let _ = begun.send(());
-        let in_work = Arc::clone(&self.in_work);
-        in_work.fetch_add(1, Ordering::Relaxed);
+        let in_progress = Arc::clone(&self.in_progress);
+        in_progress.fetch_add(1, Ordering::Relaxed);
         self.handle(message).await;
-        in_work.fetch_sub(1, Ordering::Relaxed);
+        in_progress.fetch_sub(1, Ordering::Relaxed);
     }
 
     /// Stores the record of a message and acknowledges the message.

@@ -66,7 +66,7 @@ impl MqttFeed {
         Ok(Self { feed, stop, task })
     }
 
-    /// Stops taking messages, finishes those in work within `grace`, and disconnects from the broker, which
+    /// Stops taking messages, finishes those in progress within `grace`, and disconnects from the broker, which
     /// keeps the rest.
     pub async fn stop(mut self, grace: Duration) {
         // An error means that the task has ended already.

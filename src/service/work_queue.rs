@@ -37,10 +37,10 @@ pub struct PartHealth {
 /// The state of the work queue and its workers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct QueueOverview {
-    /// Records that wait or are in work.
+    /// Records that wait or are in progress.
     pub records: u64,
     /// Of these, those that a worker has received and not acknowledged.
-    pub in_work: u64,
+    pub in_progress: u64,
     /// When the oldest of the records was enqueued.
     pub oldest_at: Option<Timestamp>,
     /// Acknowledged messages that the server still keeps.
@@ -60,9 +60,9 @@ pub struct WorkerOverview {
     pub name: String,
     /// The version of the program.
     pub version: String,
-    /// Records in work.
-    pub in_work: u64,
-    /// Maximum number of records in work.
+    /// Records in progress.
+    pub in_progress: u64,
+    /// Maximum number of records in progress.
     pub at_once: u64,
     /// Records stored since its start.
     pub stored: u64,

@@ -170,5 +170,5 @@ fn records_of_a_version_without_partitions_are_stored() {
     }
     assert_eq!(cluster.stored_by(0) + cluster.stored_by(1), u64::from(6 * CHANNELS));
     let overview = cluster.overview();
-    assert_eq!((overview.records, overview.in_work, overview.leftovers), (0, 0, 0), "{overview:?}");
+    assert_eq!((overview.records, overview.in_progress, overview.leftovers), (0, 0, 0), "{overview:?}");
 }

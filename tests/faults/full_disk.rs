@@ -89,7 +89,7 @@ fn a_full_disk_is_answered_with_507_and_the_service_recovers() {
     };
     is_readable(&service, &stored);
     let ready = service.get("/readyz").expect(503).json();
-    assert!(ready["room"].as_str().unwrap().contains("write"), "{ready}");
+    assert!(ready["free_space"].as_str().unwrap().contains("write"), "{ready}");
     service.get("/v1/assets/pump/export").expect(200);
     // The object of a record whose rows did not fit is removed.
     let began = std::time::Instant::now();

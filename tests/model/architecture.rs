@@ -38,7 +38,14 @@ const MODULES: [Modules; 3] = [
         ],
     ),
     ("crates/wear/src", &[("library", &[]), ("simulation", &[]), ("estimate", &["library"])]),
-    ("crates/lab/src", &[("figures", &[]), ("evaluation", &[])]),
+    (
+        "crates/lab/src",
+        &[
+            ("rank_correlation", &[]),
+            ("figures", &["rank_correlation"]),
+            ("evaluation", &["rank_correlation"]),
+        ],
+    ),
 ];
 
 /// Folders without clock, environment, randomness, files or threads.

@@ -34,7 +34,7 @@ fn a_recording_without_a_time_shows_none_and_channels_are_chosen() {
     let name = path(&folder, "a.csv");
     let rows: String = (0..400).map(|n| format!("{n},{},1\n", n % 2)).collect();
     fs::write(&name, format!("n,x,y\n{rows}")).unwrap();
-    flankwatch(&["analyze", &name, "--rate", "1000"]).expect_failure(&["\"n\"", "not to be selected"]);
+    flankwatch(&["analyze", &name, "--rate", "1000"]).expect_failure(&["\"n\"", "do not select it"]);
     let words = ["analyze", &name, "--rate", "1000", "--channels", "x"];
     let output = flankwatch(&words).expect_success();
     assert!(output.err().contains("a.csv: no time in the recording"), "{}", output.err());

@@ -8,3 +8,4 @@
 
 pub mod evaluation;
 pub mod figures;
+mod rank_correlation;

@@ -97,9 +97,9 @@ mod with_cluster {
             format!(", the oldest for {}", duration(age))
         });
         let mut text = format!(
-            "records in the queue  {}, {} in work{oldest}\ndead letters          {}\nleftover messages     {}\npartitions unowned    {}\nworkers               {}\n",
+            "records in the queue  {}, {} in progress{oldest}\ndead letters          {}\nleftover messages     {}\npartitions unowned    {}\nworkers               {}\n",
             overview.records,
-            overview.in_work,
+            overview.in_progress,
             overview.dead_letters,
             overview.leftovers,
             overview.partitions_unowned,
@@ -109,13 +109,13 @@ mod with_cluster {
             let longest =
                 overview.workers.iter().map(|worker| worker.name.chars().count()).max().unwrap_or_default();
             text += &format!(
-                "\n{:longest$}  {:>8}  {:>10}  {:>7}  {:>12}\n",
-                "worker", "version", "partitions", "in work", "stored"
+                "\n{:longest$}  {:>8}  {:>10}  {:>11}  {:>12}\n",
+                "worker", "version", "partitions", "in progress", "stored"
             );
             for worker in &overview.workers {
-                let in_work = format!("{}/{}", worker.in_work, worker.at_once);
+                let in_progress = format!("{}/{}", worker.in_progress, worker.at_once);
                 text += &format!(
-                    "{:longest$}  {:>8}  {:>10}  {in_work:>7}  {:>12}\n",
+                    "{:longest$}  {:>8}  {:>10}  {in_progress:>11}  {:>12}\n",
                     worker.name,
                     worker.version,
                     worker.partitions.len(),
@@ -146,7 +146,7 @@ mod with_cluster {
             let now: Timestamp = "2026-01-02T00:00:00Z".parse().unwrap();
             let overview = QueueOverview {
                 records: 12,
-                in_work: 4,
+                in_progress: 4,
                 oldest_at: Some("2026-01-01T22:58:30Z".parse().unwrap()),
                 leftovers: 0,
                 dead_letters: 3,
@@ -154,7 +154,7 @@ mod with_cluster {
                 workers: vec![WorkerOverview {
                     name: "worker-5f4d9c7b8-x2x7q-00c0ffee".to_owned(),
                     version: "0.1.0".to_owned(),
-                    in_work: 4,
+                    in_progress: 4,
                     at_once: 16,
                     stored: 123_456,
                     partitions: (0..64).collect(),
@@ -162,10 +162,10 @@ mod with_cluster {
                 }],
             };
             let text = table(&overview, now);
-            assert!(text.contains("12, 4 in work, the oldest for 1 h 1 min"), "{text}");
+            assert!(text.contains("12, 4 in progress, the oldest for 1 h 1 min"), "{text}");
             assert!(text.contains("4/16"), "{text}");
             assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
-            assert!(table(&QueueOverview::default(), now).contains("0, 0 in work\n"));
+            assert!(table(&QueueOverview::default(), now).contains("0, 0 in progress\n"));
         }
     }
 }

@@ -12,7 +12,7 @@ pub(in crate::cli) struct MqttArgs {
     /// MQTT broker to receive records from: mqtt://HOST[:1883] or mqtts://HOST[:8883].
     ///
     /// The table `mqtt` of the settings file has further options.
-    #[arg(long = "mqtt", value_name = "URL", hide = cfg!(not(feature = "mqtt")))]
+    #[arg(long = "mqtt", value_name = "URL")]
     url: Option<String>,
 }
 

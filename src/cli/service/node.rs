@@ -79,7 +79,7 @@ impl WorkerProcess {
         self.health.as_ref().map(HealthServer::address)
     }
 
-    /// Finishes the records in work and stops, within the grace period.
+    /// Finishes the records in progress and stops, within the grace period.
     pub(super) async fn stop(self, grace: Duration) {
         let end = async {
             self.worker.stop().await;

@@ -49,6 +49,12 @@ export class ImportChannels {
     return Boolean(type) && isMapped(type) && channels.some(({ unit: own }) => !own);
   }
 
+  /** Whether samples of a channel have no unit, neither in the file nor entered for the channel. */
+  get lackEnteredUnit() {
+    const entered = this.entries();
+    return this.lackUnit && this.#seen.channels.some(({ unit: own }, n) => !own && !entered[n].unit);
+  }
+
   /** Forgets the entered names and units. */
   clear() {
     this.#fields = [];

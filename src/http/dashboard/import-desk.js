@@ -230,7 +230,7 @@ export class ImportDesk {
 
   /** A question before the first records of an asset whose unit nobody has entered; null otherwise. */
   #unitQuestion() {
-    const lacking = this.#files.find(({ isRecording, lacksUnit }) => isRecording && lacksUnit);
+    const lacking = this.#files.find(({ isRecording, lacksEnteredUnit }) => isRecording && lacksEnteredUnit);
     return lacking && this.#values.lackUnit
       ? `The samples of ${lacking.file.name} have no unit, and it cannot be changed once a channel has records. Upload without a unit?`
       : null;

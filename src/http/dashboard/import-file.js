@@ -185,6 +185,11 @@ export class ImportFile {
     return this.#channels.lackUnit;
   }
 
+  /** Whether the samples of a channel would have only the unit for all files, or none. */
+  get lacksEnteredUnit() {
+    return this.#channels.lackEnteredUnit;
+  }
+
   /** Which of the values for all files this one does not use, as words. */
   unused({ fullScale, sensitivity }) {
     return [

@@ -67,7 +67,7 @@ pub(super) struct Ready {
     raw_recordings: String,
     /// For records: `ok`, or why a record cannot be stored, for example because the disk is full.
     #[serde(skip_serializing_if = "Option::is_none")]
-    room: Option<String>,
+    free_space: Option<String>,
     /// Records being processed or waiting.
     queue: Queue,
     /// For records in a cluster: `ok`, or why another required part is unavailable.
@@ -136,12 +136,12 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
     let (used, limit) = service.workers.queue();
     let mut is_ready = database.is_none();
     let or_ok = |fault: Option<String>| fault.unwrap_or_else(|| "ok".to_owned());
-    let (mut room, mut parts) = (None, BTreeMap::new());
+    let (mut free_space, mut parts) = (None, BTreeMap::new());
     if purpose == Purpose::Records {
         let found = probe.ask(service).await;
         is_ready &= found.is_whole() && used < limit;
         database = database.or(found.database);
-        room = Some(or_ok(found.room));
+        free_space = Some(or_ok(found.free_space));
         parts.extend(found.parts.into_iter().map(|part| (part.part, or_ok(part.fault))));
     }
     let ready = Ready {
@@ -149,7 +149,7 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
         purpose,
         database: or_ok(database),
         raw_recordings: or_ok(service.store.removal_hold()),
-        room,
+        free_space,
         queue: Queue { used, limit },
         parts,
         feeds: feeds(service),

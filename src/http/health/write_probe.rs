@@ -20,7 +20,7 @@ pub(crate) struct Writability {
     /// Why the database cannot be written to; `None` if it can.
     pub(crate) database: Option<String>,
     /// Why a record does not fit on the disk; `None` if it does.
-    pub(crate) room: Option<String>,
+    pub(crate) free_space: Option<String>,
     /// The parts shared by processes.
     pub(crate) parts: Vec<PartHealth>,
 }
@@ -31,7 +31,9 @@ pub(crate) struct WriteProbe(Mutex<Option<(Instant, Writability)>>);
 
 impl Writability {
     pub(crate) fn is_whole(&self) -> bool {
-        self.database.is_none() && self.room.is_none() && self.parts.iter().all(|part| part.fault.is_none())
+        self.database.is_none()
+            && self.free_space.is_none()
+            && self.parts.iter().all(|part| part.fault.is_none())
     }
 }
 
@@ -57,10 +59,10 @@ async fn write(service: &Arc<Service>) -> Writability {
             None => Vec::new(),
         }
     };
-    let (database, room, bucket, mut parts) =
-        tokio::join!(database(service), room(service), object_store(service), queue);
+    let (database, free_space, bucket, mut parts) =
+        tokio::join!(database(service), free_space(service), object_store(service), queue);
     parts.extend(bucket);
-    Writability { database, room, parts }
+    Writability { database, free_space, parts }
 }
 
 async fn database(service: &Service) -> Option<String> {
@@ -72,7 +74,7 @@ async fn database(service: &Service) -> Option<String> {
 }
 
 /// Why a record does not fit on this machine's disk.
-async fn room(service: &Service) -> Option<String> {
+async fn free_space(service: &Service) -> Option<String> {
     // a damaged database is not written to, and reported separately
     if service.store.damage().is_some() {
         return None;

@@ -68,9 +68,9 @@ fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
         overview.records,
     );
     text.gauge(
-        "flankwatch_queue_records_in_work",
+        "flankwatch_queue_records_in_progress",
         "Of these, records that a worker has not acknowledged yet.",
-        overview.in_work,
+        overview.in_progress,
     );
     text.gauge("flankwatch_queue_oldest_age_seconds", "Age of the oldest of these records.", oldest_age_s);
     text.gauge(

@@ -70,9 +70,11 @@ fn expectation(cause: &str) -> Option<String> {
         "provided string was not `true` or `false`" => "true or false",
         _ if cause.contains(" field `") => return None,
         _ => match cause.rsplit_once(", expected ") {
-            Some((_, expected)) => return Some(expected.replace('`', "").replace("one of ", "")),
-            // of all values, only those of times have other messages
-            None => "a time such as 2026-03-01T08:00:00Z",
+            Some((_, names)) if names.starts_with(['`', 'o']) => {
+                return Some(names.replace('`', "").replace("one of ", ""));
+            }
+            // Of all values, only those of times have other messages.
+            _ => "a time such as 2026-03-01T08:00:00Z",
         },
     };
     Some(of_type.to_owned())

@@ -28,7 +28,6 @@ pub use recorded::{
     look_back, score_run,
 };
 pub use run::{Observation, RunShape, observe};
-pub(crate) use score::rank_correlation;
 pub use score::{NOMINAL, Score};
 pub use single_indicators::{SingleIndicators, single_indicators};
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::forecast::{Forecast, ForecastRecord, ForecastScore, score_forecasts};
 use super::median_and_interval;
 use super::run::Observation;
-use super::score::rank_correlation;
+use crate::rank_correlation::rank_correlation;
 use flankwatch_wear::estimate::{
     EstimatorSettings, HistoryStep, Inspection, JointEstimate, MaintenanceEvent, MaintenanceKind,
     SensorFault, SuspectedFault, Tracker, WearEstimate, WearStatus,

@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use super::recorded::RecordedRun;
 use super::run::Observation;
-use super::score::{RMS_ALARM_FACTOR, alarm_record, rank_correlation};
+use super::score::{RMS_ALARM_FACTOR, alarm_record};
+use crate::rank_correlation::rank_correlation;
 
 /// Scores of single indicators on one run.
 #[derive(Debug, Clone, PartialEq, Serialize)]

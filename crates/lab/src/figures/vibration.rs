@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::check::Check;
 use super::trend::range;
 use super::{FigureSettings, FiguresError};
-use crate::evaluation::rank_correlation;
+use crate::rank_correlation::rank_correlation;
 use flankwatch_gear::{FlankWear, GearPair, MeshCycle, RunSettings, simulate};
 use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, Spectrum};
 use flankwatch_wear::library::response_record;

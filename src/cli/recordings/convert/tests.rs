@@ -137,7 +137,7 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
         ("good.csv", "out.mcap", "--unit g", "the sampling rate is missing"),
         ("good.csv", "out.mcap", "--rate 10", "--unit is missing"),
         ("good.csv in.csv", "out.mcap", "--rate 10 --unit g", "in.csv: csv line 3"),
-        ("good.csv good.csv", "out.wav", "--rate 10 --unit g", "in .mcap for several recordings"),
+        ("good.csv timed.csv", "out.wav", "--rate 10 --unit g", "in .mcap for several recordings"),
         ("none-*.csv", "out.mcap", "--rate 10 --unit g", "no file matches"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --scale 0", "--scale is 0"),
         ("good.csv", "out.mcap", "--rate 0 --unit g", "sample_rate_hz is 0"),
@@ -186,7 +186,7 @@ fn recordings_of_many_formats_follow_one_another() {
 #[test]
 fn times_of_day_count_from_the_given_day_on() {
     let clock = |hour: u32, minute: u32| -> String {
-        (0..4).map(|k| format!("{hour},{minute},10,{},{k},0.5\n", 250_000 * k)).collect()
+        (0..4).map(|k| format!("{hour},{minute},10,{},{},0.5\n", 250_000 * k, k % 2)).collect()
     };
     let folder = Folder::with_file("acc_1.csv", clock(23, 59).as_bytes());
     fs::write(folder.path("acc_2.csv"), clock(0, 9)).unwrap();
