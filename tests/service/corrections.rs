@@ -358,8 +358,8 @@ fn the_baseline_can_be_chosen_by_time_range() {
             "baseline", "--url", &url, "--asset", "pump", "--from", from, "--to", until, "--by", "Ada",
         ])
     };
-    choose(from).expect_failure(&["until", from]);
-    assert!(choose(until).expect_success().out().contains("the records from 2026-01-01T00:04:00Z"));
+    choose(from).expect_failure(&["--to", from]);
+    assert!(choose(until).expect_success().out().contains("records from 2026-01-01T00:04:00Z"));
     service.wait_for("/v1/assets/pump/wear/history", |history| {
         history["items"][12]["status"] == "collecting_baseline"
     });

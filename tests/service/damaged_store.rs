@@ -95,8 +95,10 @@ fn flipped_bits_of_a_database_are_reported_and_nothing_hangs() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let file = put(copy.path(), service.folder());
         let bytes = file.metadata().unwrap().len();
+        // The schema is in the first pages; without it nothing starts.
+        let first = if seed % 2 == 0 { 0 } else { bytes / 4 };
         for _ in 0..200 {
-            let place = random.random_range(0..bytes);
+            let place = random.random_range(first..bytes);
             let mut byte = [0];
             file.read_exact_at(&mut byte, place).unwrap();
             byte[0] ^= 1 << random.random_range(0..8);

@@ -9,7 +9,7 @@ fn a_stream_does_not_start_with_an_impossible_time() {
     let service = service();
     let day_ns = 24 * 3_600_000_000_000;
     let mut wrong = open(&service, "&first_index=0");
-    wrong.send(0, time_ns(0) + 400 * day_ns, &frames(0, 100));
+    wrong.send(0, time_ns(0) + 20 * 365 * day_ns, &frames(0, 100));
     let (code, reason) = wrong.receive().unwrap_err();
     assert!(code == 4400 && reason.contains("start_time"), "{code} {reason}");
     let post = |time: &str| {

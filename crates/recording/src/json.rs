@@ -239,8 +239,9 @@ fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8], name: &'static str) -> Re
     parsed.map_err(|source| {
         let mut reader = serde_json::Deserializer::from_slice(bytes);
         let fault = serde_path_to_error::deserialize::<_, T>(&mut reader).err();
-        let path =
-            fault.map(|fault| fault.path().to_string()).filter(|path| path != "." && !path.contains('?'));
+        let path = fault
+            .map(|fault| fault.path().to_string())
+            .filter(|path| !path.starts_with(['.', '[']) && !path.contains('?'));
         RecordingError::Json { message: name, path, problem: in_words_of_json(&source), source }
     })
 }

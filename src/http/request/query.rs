@@ -70,10 +70,10 @@ fn expectation(cause: &str) -> Option<String> {
         "provided string was not `true` or `false`" => "true or false",
         _ if cause.contains(" field `") => return None,
         _ => match cause.rsplit_once(", expected ") {
-            Some((_, names)) if names.starts_with(['`', 'o']) => {
-                return Some(names.replace('`', "").replace("one of ", ""));
+            // Messages about times say what they got too.
+            Some((_, expected)) if !expected.contains(" but got ") => {
+                return Some(expected.replace('`', "").replace("one of ", ""));
             }
-            // Of all values, only those of times have other messages.
             _ => "a time such as 2026-03-01T08:00:00Z",
         },
     };
