@@ -231,10 +231,11 @@ impl Problem {
     }
 }
 
-/// The name of a missing or unknown field in a decoder's message.
+/// The name of a missing, unknown or repeated field in a decoder's message.
 fn name_of_field(message: &str) -> Option<&str> {
-    let is_about_a_field =
-        ["missing field `", "unknown field `"].iter().any(|start| message.starts_with(start));
+    let is_about_a_field = ["missing field `", "unknown field `", "duplicate field `"]
+        .iter()
+        .any(|start| message.starts_with(start));
     message.split('`').nth(1).filter(|_| is_about_a_field)
 }
 
