@@ -38,14 +38,7 @@ const MODULES: [Modules; 3] = [
         ],
     ),
     ("crates/wear/src", &[("library", &[]), ("simulation", &[]), ("estimate", &["library"])]),
-    (
-        "crates/lab/src",
-        &[
-            ("rank_correlation", &[]),
-            ("figures", &["rank_correlation"]),
-            ("evaluation", &["rank_correlation"]),
-        ],
-    ),
+    ("crates/lab/src", &[("figures", &[]), ("evaluation", &[])]),
 ];
 
 /// Folders without clock, environment, randomness, files or threads.
