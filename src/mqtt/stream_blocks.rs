@@ -239,7 +239,12 @@ impl PointStream {
         let Address { asset, point } = &self.address;
         self.sender = None;
         let mut sender = service.streams.open(asset, point, format, None).await?;
-        self.newest = self.newest.max(service.streams.status(asset, point).await?.sender_time);
+        match service.streams.status(asset, point).await {
+            Ok(status) => self.newest = self.newest.max(status.sender_time),
+            // It is created with its first sample.
+            Err(ServiceError::StreamUnknown { .. }) => {}
+            Err(error) => return Err(error),
+        }
         sender.take(self.waiting.iter().map(Block::chunk).collect()).await?;
         self.refreshed_at = Instant::now();
         self.operating_point = None;
