@@ -42,8 +42,10 @@ def check_mcap(path: Path, arguments: Mapping[str, Any]) -> None:
 
 def header(path: Path, rate_hz: float | None = None) -> dict[str, Any]:
     """Returns rate, number of samples per channel and stated time of a WAV or CSV file."""
-    found = csv.frames(path, Overrides(rate_hz=rate_hz), samples=False)
-    if format_of(path) == "wav":
+    is_wav = format_of(path) == "wav"
+    # A given rate would override that of a WAV header.
+    found = csv.frames(path, Overrides(rate_hz=None if is_wav else rate_hz), samples=False)
+    if is_wav:
         check_rate(path, Content(common={"fs": found["rate_hz"]}), rate_hz)
     return found
 
