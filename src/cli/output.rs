@@ -63,7 +63,7 @@ pub(super) fn check_folder(path: &Path) -> Result<(), CliError> {
 }
 
 /// A file under a temporary name in the same folder; removed on drop and on Ctrl-C unless it is completed.
-/// What is no file, such as `/dev/null`, is written directly.
+/// Anything that is not a regular file, such as `/dev/null`, is written directly.
 pub(super) struct PartialFile {
     pub(super) file: File,
     temporary: Option<PathBuf>,

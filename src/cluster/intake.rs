@@ -1,8 +1,8 @@
 //! Takes records from the partitions that a worker owns, in the order of the queue.
 //!
 //! Each partition has one record of the worker at most that waits for its turn. It asks for the next one when
-//! that record is in work. So a partition without records holds up no other, and one with many records has no
-//! more turns than the others.
+//! that record is in progress. So a partition without records holds up no other, and one with many records
+//! has no more turns than the others.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -32,9 +32,9 @@ pub(super) struct Intake {
     pub(super) worker: Worker,
     /// The partitions that the worker owns.
     pub(super) owned: watch::Receiver<BTreeSet<u16>>,
-    /// One for each record that may be in work.
+    /// One for each record that may be in progress.
     pub(super) slots: Arc<Semaphore>,
-    /// Closed once no record is waiting or in work.
+    /// Closed once no record is waiting or in progress.
     pub(super) busy: mpsc::Sender<()>,
 }
 
@@ -89,7 +89,7 @@ impl Intake {
         Ok(())
     }
 
-    /// Waits until a record is in work. Its task continues to wait if this future is dropped.
+    /// Waits until a record is in progress. Its task continues to wait if this future is dropped.
     async fn hand_over(&self, message: Message) {
         let (begun, has_begun) = oneshot::channel();
         let (worker, slots, busy) = (self.worker.clone(), Arc::clone(&self.slots), self.busy.clone());

@@ -100,7 +100,7 @@ impl Cluster {
 }
 
 impl RunningWorker {
-    /// Stops taking records and waits until those in work are committed and acknowledged.
+    /// Stops taking records and waits until those in progress are committed and acknowledged.
     pub async fn stop(self) {
         self.stop.send_replace(true);
         if let Err(error) = self.task.await {

@@ -71,7 +71,7 @@ impl NatsSettings {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorkerLimits {
-    /// Maximum number of records in work at once.
+    /// Maximum number of records in progress at once.
     pub at_once: usize,
     /// Number of deliveries that no worker survived after which a record moves to the dead letters.
     pub max_deliveries: u32,

@@ -43,7 +43,7 @@ pub(super) struct Worker {
     service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
-    /// Number of records in work.
+    /// Number of records in progress.
     in_progress: Arc<AtomicU64>,
 }
 
@@ -71,7 +71,7 @@ impl Worker {
         Self { name, connection, service, limits, stop, in_progress: Arc::default() }
     }
 
-    /// Processes records until it is stopped, then finishes those in work.
+    /// Processes records until it is stopped, then finishes those in progress.
     pub(super) async fn run(self) {
         while let Err(error) = self.service.resume().await {
             tracing::warn!(%error, "failed to resume, retrying");
@@ -105,11 +105,11 @@ impl Worker {
             }
         }
         drop(intake);
-        // Others take over while the records in work are finished.
+        // Others take over while the records in progress are finished.
         if let Err(error) = ownership.await {
             tracing::error!(%error, "the ownership task failed");
         }
-        // Each record in work holds a sender.
+        // Each record in progress holds a sender.
         let _ = is_idle.recv().await;
         changes.abort();
         responder.abort();

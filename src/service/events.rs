@@ -121,7 +121,7 @@ impl Default for Announcer {
 impl Announcer {
     /// Announces an event.
     pub(crate) fn announce(&self, event: LiveEvent) {
-        // There may be no subscriber.
+        // An error means that there is no subscriber.
         if matches!(event, LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_)) {
             let _ = self.alarms.send(event.clone());
         }

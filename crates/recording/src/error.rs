@@ -199,7 +199,7 @@ pub enum RecordingError {
         /// The rate according to the times.
         clock: f64,
     },
-    /// A sensitivity for samples that are no voltage.
+    /// A sensitivity for samples that are not voltages.
     #[error("channel {channel:?} is in {unit:?}, expected V, mV or no unit: a sensitivity in mV/g is given")]
     NotVolts {
         /// Name of the channel.

@@ -140,7 +140,7 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Removes a stream; a missing one is no error.
+    /// Removes a stream; a missing one is not an error.
     pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM streams WHERE asset_id = $1 AND name = $2")
             .bind(asset.as_str())

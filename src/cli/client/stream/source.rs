@@ -48,7 +48,7 @@ pub(super) struct Source {
     begin: u64,
     /// Bytes not read yet, where their number is known.
     remaining: Option<u64>,
-    /// Samples that are no finite numbers.
+    /// Samples that are not finite numbers.
     not_finite: u64,
     /// Whether to wait at the end of the file for it to grow.
     is_followed: bool,
@@ -105,7 +105,7 @@ impl Source {
         Ok(available)
     }
 
-    /// Notes samples that are no numbers when the first ones occur: those after them may be good.
+    /// Notes samples that are not numbers when the first ones occur: those after them may be good.
     fn count_not_finite(&mut self, samples: u64) {
         if samples > 0 && self.not_finite == 0 {
             note(&format!("{}: samples are not finite numbers: no record is made of them", self.name));
