@@ -120,7 +120,8 @@ impl Life {
             Some(running) => self.runtime.block_on(running.stop()).unwrap(),
             None => self.runtime.block_on(self.service.store.close()),
         }
-        self.runtime.shutdown_background();
+        // Nothing is written to the folder of objects from here on.
+        self.runtime.shutdown_timeout(MAX_WORK);
     }
 
     /// Ends the process, loses its database, and builds it anew from the raw recordings in another folder.
@@ -204,7 +205,7 @@ fn salt(log: &[u8]) -> &[u8] {
 }
 
 /// Copies a folder with everything in it.
-pub(super) fn copy_folder(from: &Path, to: &Path) {
+fn copy_folder(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();

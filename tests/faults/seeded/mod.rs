@@ -8,16 +8,18 @@ mod records;
 mod stream;
 mod uploads;
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+use std::{fs, io};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tempfile::TempDir;
 
-use life::{Life, copy_folder};
+use life::Life;
 use records::{KnownRecords, SentRecords};
 use stream::KnownStream;
 use uploads::KnownUploads;
@@ -66,16 +68,51 @@ impl Known<'_> {
     }
 }
 
+/// The files of a data folder by their relative paths.
+type Files = BTreeMap<PathBuf, Vec<u8>>;
+
 /// A data folder with all assets, made once, so that schedules need not migrate a database.
-fn make_template(folder: &Path, sent: &SentRecords) {
-    let life = Life::begin(folder.to_path_buf(), 0, 0, true);
+fn make_template(sent: &SentRecords) -> Files {
+    let made = folder();
+    let life = Life::begin(made.path().to_path_buf(), 0, 0, true);
     for spec in sent.assets().chain([stream::asset(), uploads::asset()]) {
         life.make_asset(&spec);
     }
     life.end();
+    // A connection that was being opened closes the database in a thread of its own, and may remove its log.
+    let mut last = Files::new();
+    loop {
+        match read_files(made.path(), Path::new("")) {
+            Ok(files) if files == last => return files,
+            files => last = files.unwrap_or_default(),
+        }
+    }
 }
 
-fn run(seed: u64, template: &Path, sent: &SentRecords, folder: &Path) {
+/// Reads the files in a folder and in the folders below it.
+fn read_files(root: &Path, path: &Path) -> io::Result<Files> {
+    let mut files = Files::new();
+    for entry in fs::read_dir(root.join(path))? {
+        let entry = entry?;
+        let path = path.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            files.extend(read_files(root, &path)?);
+        } else {
+            files.insert(path, fs::read(entry.path())?);
+        }
+    }
+    Ok(files)
+}
+
+fn write_files(files: &Files, root: &Path) {
+    for (path, bytes) in files {
+        let path = root.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+}
+
+fn run(seed: u64, template: &Files, sent: &SentRecords, folder: &Path) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut known = Known {
         records: KnownRecords::new(sent),
@@ -84,7 +121,7 @@ fn run(seed: u64, template: &Path, sent: &SentRecords, folder: &Path) {
     };
     let has_uploads = random.random_bool(UPLOADING);
     let mut place = folder.join("0");
-    copy_folder(template, &place);
+    write_files(template, &place);
     for n in 0..LIVES {
         let life = Life::begin(place, random.random(), n, has_uploads);
         known.check(&life);
@@ -143,11 +180,10 @@ fn every_schedule_keeps_acknowledged_data() {
     let first = variable("FLANKWATCH_FAULT_SEED").unwrap_or(1);
     let next = AtomicU64::new(first);
     let sent = SentRecords::new();
-    let template = folder();
-    make_template(template.path(), &sent);
+    let template = make_template(&sent);
     let began = Instant::now();
     std::thread::scope(|scope| {
-        let (next, sent, template) = (&next, &sent, template.path());
+        let (next, sent, template) = (&next, &sent, &template);
         for core in 0..std::thread::available_parallelism().map_or(2, usize::from) {
             scope.spawn(move || {
                 stay_on_core(core);
