@@ -29,6 +29,8 @@ const MAX_LINE_BYTES: usize = 1 << 20;
 pub struct CsvFrames<R> {
     reader: csv::Reader<CollapseSpaces<LineLimit<R>>>,
     head: Head,
+    /// Whether lines end with CR LF.
+    has_crlf: bool,
     channels: Vec<String>,
     units: Vec<Option<String>>,
     columns: Vec<usize>,
@@ -74,6 +76,7 @@ impl<R: Read> CsvFrames<R> {
             return Err(RecordingError::NoBytes);
         }
         let head = Head::read(beginning, layout)?;
+        let has_crlf = first_line_ends_with_crlf(beginning);
         limited.skip_lines(head.lines);
         let reader = ReaderBuilder::new()
             .has_headers(false)
@@ -91,6 +94,7 @@ impl<R: Read> CsvFrames<R> {
             decimals: Decimals::separated_by(head.separator),
             clock_decimals: Decimals::separated_by(head.separator),
             head,
+            has_crlf,
             line: ByteRecord::new(),
         })
     }
@@ -174,7 +178,9 @@ impl<R: Read> CsvFrames<R> {
     /// its line and column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         let skipped = self.head.lines;
-        if !self.reader.read_byte_record(&mut self.line).map_err(|error| csv_error(error, skipped))? {
+        let has_crlf = self.has_crlf;
+        let failed = |error| csv_error(error, skipped, has_crlf);
+        if !self.reader.read_byte_record(&mut self.line).map_err(failed)? {
             return Ok(false);
         }
         // Only in a single column a blank line may be a sample that is missing.
@@ -202,7 +208,7 @@ impl<R: Read> CsvFrames<R> {
 
     /// Returns the number of the line that was read last, counted from 1.
     pub(super) fn line(&self) -> u64 {
-        self.head.lines + self.line.position().map_or(1, csv::Position::line)
+        self.head.lines + line_at(self.line.position(), self.has_crlf)
     }
 
     /// Returns the time of the line that was read last; `None` if the file has no time column.
@@ -249,8 +255,19 @@ fn choose(head: &Head, selected: &[String]) -> Result<Vec<usize>, RecordingError
     Ok(columns)
 }
 
-fn csv_error(error: csv::Error, skipped: u64) -> RecordingError {
-    let line = skipped + error.position().map_or(1, csv::Position::line);
+fn first_line_ends_with_crlf(text: &[u8]) -> bool {
+    let end = text.iter().position(|&byte| byte == b'\n');
+    end.is_some_and(|end| text[..end].ends_with(b"\r"))
+}
+
+/// Returns the line of a parser's position. The parser ends a line at CR and counts it at LF, so between the
+/// two its count is one too low.
+fn line_at(position: Option<&csv::Position>, has_crlf: bool) -> u64 {
+    position.map_or(1, |position| position.line() + u64::from(has_crlf && position.byte() > 0))
+}
+
+fn csv_error(error: csv::Error, skipped: u64, has_crlf: bool) -> RecordingError {
+    let line = skipped + line_at(error.position(), has_crlf);
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error.into(),
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => RecordingError::CsvLine {
@@ -422,6 +439,9 @@ mod tests {
             ("a,b\n1,\n", "column \"b\": \"\""),
             ("a\n1\n\n3\n", "csv line 3: empty, expected a number"),
             ("a\r\n1\r\n\r\n3\r\n", ": empty, expected a number"),
+            ("a,b\r\n1,x\r\n", "csv line 2, column \"b\": \"x\""),
+            ("a,b\r\n1,2\r\n3,4\r\n5,x\r\n", "csv line 4, column \"b\": \"x\""),
+            ("a,b\r\n1,2\r\n3,4\r\n5,6\r\n7,8,9\r\n", "csv line 5: 3 fields, expected 2"),
             ("a,b\n1,2,3\n", "csv line 2: 3 fields, expected 2"),
         ] {
             let error = read(text, &[]).unwrap_err();
