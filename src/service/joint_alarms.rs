@@ -39,7 +39,7 @@ impl Alarms {
             *checked = CheckedState { descriptions: Some(mark), ..CheckedState::default() };
         }
         let mut result = Ok(());
-        for (asset, revision) in self.store.revisions_of_several_channels().await? {
+        for (asset, revision) in self.store.revisions_with_joint_novelty().await? {
             if checked.revisions.get(&asset) == Some(&revision) {
                 continue;
             }
@@ -66,7 +66,9 @@ impl Alarms {
         };
         let channels = store.channels(&asset.spec.id).await?;
         let channels = JointWear::contributing_channels(&asset, &channels);
-        let [first, _, ..] = channels[..] else { return Ok(()) };
+        let [first, _, ..] = channels[..] else {
+            return self.clear_joint_novelty_alarm(&asset.spec.id).await;
+        };
         // Readings from before a change of the gear, sensor or baseline do not count.
         let events = store.maintenance(&asset.spec.id).await?;
         let begun = events.iter().rfind(|event| event.kind != MaintenanceKind::Inspected);
@@ -82,5 +84,16 @@ impl Alarms {
             return Ok(());
         }
         self.act_automatically(known, Some(first), AlarmAction::Joint { severity, value }).await
+    }
+
+    /// Clears the alarm of an asset that has less than two contributing channels left.
+    async fn clear_joint_novelty_alarm(&self, asset: &AssetId) -> Result<(), ServiceError> {
+        for stored in self.store.open_alarms(&[asset]).await? {
+            if stored.quantity == AlarmQuantity::JointNovelty && stored.alarm.severity().is_some() {
+                let cleared = AlarmAction::Joint { severity: None, value: 0.0 };
+                self.act_automatically(stored, None, cleared).await?;
+            }
+        }
+        Ok(())
     }
 }

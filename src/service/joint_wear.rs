@@ -66,10 +66,10 @@ impl JointWear {
         let mut latest = Vec::with_capacity(channels.len());
         for channel in channels {
             let name = Some(channel.channel.clone());
+            let order = Order::Desc;
             let filter =
-                SegmentFilter { channel: name, from, order: Order::Desc, ..SegmentFilter::default() };
-            let mut segments = store.segments(&channel.asset_id, &filter, count).await?;
-            segments.retain(|segment| !segment.excluded);
+                SegmentFilter { channel: name, from, counted: true, order, ..SegmentFilter::default() };
+            let segments = store.segments(&channel.asset_id, &filter, count).await?;
             if !segments.is_empty() {
                 latest.push((*channel, segments));
             }

@@ -120,6 +120,11 @@ impl Workers {
         turn.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
     }
 
+    /// Waits until another recording may be read.
+    pub(crate) async fn wait_for_recording(&self) -> Option<OwnedSemaphorePermit> {
+        Arc::clone(&self.recordings).acquire_owned().await.ok()
+    }
+
     /// The number of admitted requests, and its maximum.
     pub fn queue(&self) -> (usize, usize) {
         let most = self.limits.requests_at_once;

@@ -270,9 +270,12 @@ impl Store {
     }
 
     /// The assets with more than one channel, each with the sum of its channels' revisions.
-    pub async fn revisions_of_several_channels(&self) -> Result<Vec<(AssetId, i64)>, StoreError> {
-        let text = "SELECT asset_id, CAST(SUM(revision) AS BIGINT) AS revision FROM channels
-             GROUP BY asset_id HAVING COUNT(*) > 1 ORDER BY asset_id";
+    pub async fn revisions_with_joint_novelty(&self) -> Result<Vec<(AssetId, i64)>, StoreError> {
+        let text = "SELECT c.asset_id, CAST(SUM(c.revision) AS BIGINT) AS revision FROM channels c
+             GROUP BY c.asset_id HAVING COUNT(*) > 1 OR EXISTS (
+                SELECT 1 FROM alarms l JOIN channels of_alarm ON of_alarm.channel_no = l.channel_no
+                WHERE of_alarm.asset_id = c.asset_id AND l.quantity = 'joint_novelty' AND l.severity IS NOT NULL
+             ) ORDER BY c.asset_id";
         let rows = sqlx::query(text).fetch_all(self.read()).await?;
         rows.iter().map(|row| Ok((asset_id(get(row, "asset_id")?)?, get(row, "revision")?))).collect()
     }

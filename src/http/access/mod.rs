@@ -201,6 +201,7 @@ fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
         ["v1", "tokens", ..] => Scope::Admin,
         _ if is_safe => Scope::Read,
         ["v1", "session" | "preview" | "csv-preview" | "recording-preview"] => Scope::Read,
+        ["v1", "assets", _, "alarms", "try"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments" | "stream"] | ["v1", "segments", _] if *method == Method::DELETE => {
             Scope::Admin

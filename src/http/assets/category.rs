@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::asset::WearLimits;
 use crate::estimate::{AlarmState, Severity, WearEstimate, WearStatus};
+use crate::service::Readiness;
 use crate::store::StoredAlarm;
 
 /// An asset's category after NAMUR NE 107.
@@ -58,13 +59,13 @@ impl AlarmCounts {
 }
 
 impl Category {
-    /// The category for these alarms, this latest wear and a library in this state. Pass only `limits` that
+    /// The category for these alarms, this latest wear and this library. Pass only `limits` that
     /// no alarm watches.
     pub(crate) fn of(
         alarms: AlarmCounts,
         wear: Option<&WearEstimate>,
         limits: WearLimits,
-        library_state: &str,
+        library: &Readiness,
     ) -> Self {
         let beyond = |limit: Option<f64>| {
             limit.zip(wear.and_then(WearEstimate::determined_depth_um)).is_some_and(|(limit, um)| um >= limit)
@@ -76,7 +77,7 @@ impl Category {
         if alarms.warning > 0 || beyond(limits.warning_um) {
             return Self::MaintenanceRequired;
         }
-        if library_state == "failed" {
+        if matches!(library, Readiness::Failed(_)) {
             return Self::OutOfSpecification;
         }
         match status {
@@ -95,7 +96,7 @@ impl Category {
                 | WearStatus::Provisional
                 | WearStatus::Recomputing,
             ) => Self::CheckFunction,
-            _ if library_state == "building" => Self::CheckFunction,
+            _ if matches!(library, Readiness::Building) => Self::CheckFunction,
             Some(WearStatus::NoLibrary | WearStatus::SensorFault | WearStatus::Excluded) | None => Self::None,
         }
     }
@@ -117,31 +118,38 @@ mod tests {
         let limits = WearLimits { warning_um: Some(100.0), danger_um: Some(200.0) };
         let none = WearLimits::default();
         let estimated = wear(WearStatus::Estimated, Some(150.0));
+        let failed = Readiness::Failed("bad".into());
         for (alarms, wear, limits, library, category) in [
-            (raised(1, 1), Some(&estimated), none, "ready", Category::Failure),
-            (raised(0, 1), Some(&estimated), none, "ready", Category::MaintenanceRequired),
-            (raised(0, 0), Some(&estimated), limits, "ready", Category::MaintenanceRequired),
-            (raised(0, 0), Some(&estimated), none, "ready", Category::Normal),
-            (raised(0, 0), Some(&wear(WearStatus::SensorFault, None)), none, "ready", Category::Failure),
+            (raised(1, 1), Some(&estimated), none, &Readiness::None, Category::Failure),
+            (raised(0, 1), Some(&estimated), none, &Readiness::None, Category::MaintenanceRequired),
+            (raised(0, 0), Some(&estimated), limits, &Readiness::None, Category::MaintenanceRequired),
+            (raised(0, 0), Some(&estimated), none, &Readiness::None, Category::Normal),
+            (
+                raised(0, 0),
+                Some(&wear(WearStatus::SensorFault, None)),
+                none,
+                &Readiness::None,
+                Category::Failure,
+            ),
             (
                 raised(0, 0),
                 Some(&wear(WearStatus::OutsideLibrary, None)),
                 none,
-                "ready",
+                &Readiness::None,
                 Category::OutOfSpecification,
             ),
             (
                 raised(0, 0),
                 Some(&wear(WearStatus::CollectingBaseline, None)),
                 none,
-                "ready",
+                &Readiness::None,
                 Category::CheckFunction,
             ),
-            (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, "none", Category::None),
-            (raised(0, 0), Some(&wear(WearStatus::NoMesh, None)), none, "none", Category::Normal),
-            (raised(0, 0), None, none, "building", Category::CheckFunction),
-            (raised(0, 0), None, none, "failed", Category::OutOfSpecification),
-            (raised(0, 0), None, none, "none", Category::None),
+            (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, &Readiness::None, Category::None),
+            (raised(0, 0), Some(&wear(WearStatus::NoMesh, None)), none, &Readiness::None, Category::Normal),
+            (raised(0, 0), None, none, &Readiness::Building, Category::CheckFunction),
+            (raised(0, 0), None, none, &failed, Category::OutOfSpecification),
+            (raised(0, 0), None, none, &Readiness::None, Category::None),
         ] {
             assert_eq!(Category::of(alarms, wear, limits, library), category, "{alarms:?} {wear:?}");
         }

@@ -328,7 +328,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
     let unwatched = if is_watched { WearLimits::default() } else { asset.spec.limits };
     Ok(Summary {
-        category: Category::of(alarms, wear.as_ref(), unwatched, library_state),
+        category: Category::of(alarms, wear.as_ref(), unwatched, &simulation.readiness),
         alarms,
         alarm_rules,
         segments: channels.iter().map(|channel| channel.segments).sum(),

@@ -139,6 +139,16 @@ fn table_of(view: &TrendView) -> Table {
     for (name, unit) in &view.units {
         table.numbers(name, unit, view.items.iter().map(|row| row.get(name)?.as_f64()));
     }
+    let is_excluded = |value: Option<&Value>| value.is_some().to_string();
+    for (name, text) in [
+        ("velocity_zone", word as fn(Option<&Value>) -> String),
+        ("operating_bin", word),
+        ("excluded", is_excluded),
+    ] {
+        if view.items.iter().any(|row| row.contains_key(name)) {
+            table.words(name, values(name).map(text));
+        }
+    }
     table
 }
 

@@ -135,6 +135,7 @@ pub(super) async fn list(
         to: params.to,
         after: query::segment_cursor(params.cursor.as_deref())?,
         order: params.order,
+        ..SegmentFilter::default()
     };
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;

@@ -28,7 +28,7 @@ use super::request::query::{AssetPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::JsonBlock;
-use crate::service::{Accepted, BatchSummary, ChannelNames};
+use crate::service::{Accepted, BatchSummary, ChannelNames, JointWear};
 use crate::store::{KeyedUpload, RecordNote};
 use parameters::UploadParameters;
 
@@ -300,11 +300,11 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
 ) -> Result<UploadAnswer, Problem> {
     let mut summary = app.service.pipeline.accept_recording(asset, names, open).await?;
     let segments = std::mem::take(&mut summary.segments);
-    let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
-    let wear = match channel {
-        Some(channel) => app.service.store.latest_counted(&channel).await?.map(|segment| segment.wear),
-        None => None,
-    };
+    let store = &app.service.store;
+    let channels = store.channels(asset).await?;
+    let description = store.asset(asset).await?;
+    let joint = JointWear::of(store, &JointWear::contributing_channels(&description, &channels)).await?;
+    let wear = joint.map(|joint| joint.wear);
     Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, segments, wear })))
 }
 

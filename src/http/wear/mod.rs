@@ -209,6 +209,9 @@ fn table_of(view: &HistoryView) -> Table {
     table.numbers("high_um", "µm", rows().map(|row| row.point.high_um));
     table.numbers("reference_wear_um", "µm", rows().map(|row| row.point.reference_wear_um));
     table.numbers("log_evidence", "1", rows().map(|row| row.point.log_evidence));
+    if rows().any(|row| row.operating_bin.is_some()) {
+        table.words("operating_bin", rows().map(|row| row.operating_bin.clone().unwrap_or_default()));
+    }
     table
 }
 

@@ -67,6 +67,11 @@ impl Progress {
         self.lock().insert(key, Arc::new(recomputation));
     }
 
+    /// Forgets the recomputation of a channel, which another process continues or which starts again.
+    pub(crate) fn forget_channel(&self, asset: &AssetId, channel: &str) {
+        self.lock().remove(&(asset.clone(), channel.to_owned()));
+    }
+
     /// Forgets the recomputations of a deleted asset.
     pub(crate) fn forget(&self, asset: &AssetId) {
         self.lock().retain(|(of, _), _| of != asset);

@@ -101,7 +101,9 @@ impl Recomputer {
         for channel in self.store.channels(asset).await? {
             match self.bring_up_to_date(asset, &channel.channel).await {
                 Ok(UpdateOutcome::Done) => {}
-                Ok(not_yet) => outcome = not_yet,
+                // Unlike the library's completion, the end of another process's work starts nothing here.
+                Ok(not_yet) if outcome != UpdateOutcome::InOtherProcess => outcome = not_yet,
+                Ok(_) => {}
                 Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(UpdateOutcome::Done),
                 Err(error) => {
                     self.progress.update(asset, &channel.channel, |shown| {
@@ -161,6 +163,7 @@ impl Recomputer {
                 // Another process took over, or the description changed: start again.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
                     tracing::debug!(%asset, channel = name, what, "restarting a recomputation");
+                    self.progress.forget_channel(asset, name);
                 }
                 Err(error) => {
                     if let Err(again) = self.abandon(&channel, wear, &error).await {

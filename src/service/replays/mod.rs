@@ -87,9 +87,10 @@ impl Replays {
         }
         request.recording.check()?;
         let found = self.find(&request.asset, &request.file).await?;
+        let permit = self.workers.admit_recording()?;
         let mut replay = Replay::begin(request, self.clock.now());
         let number = self.list.number(&mut replay).await;
-        Ok(self.run_in_background(number, replay, found))
+        Ok(self.run_in_background(number, replay, found, Some(permit)))
     }
 
     /// Resumes the replays that were running when the previous process ended, and lists the ended ones.
@@ -103,7 +104,8 @@ impl Replays {
             );
             match self.find(&replay.asset, &replay.file).await {
                 Ok(found) => {
-                    self.run_in_background(number, replay, found);
+                    // All that were running may be more than are admitted at once.
+                    self.run_in_background(number, replay, found, None);
                 }
                 Err(error) => {
                     tracing::warn!(replay = number, %error, "failed to resume a replay");
@@ -118,35 +120,34 @@ impl Replays {
         Ok(())
     }
 
-    /// Finds what a replay needs: the asset's description, the recording, and a permit to read it.
+    /// Finds what a replay needs: the asset's description and the recording.
     async fn find(
         &self,
         asset: &AssetId,
         file: &str,
-    ) -> Result<(AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit), ServiceError> {
+    ) -> Result<(AssetSpec, ChannelUnits, PathBuf), ServiceError> {
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let path = folder::find(&self.folder, file)?;
         let units = ChannelUnits::of(&self.store, &spec).await?;
-        Ok((spec, units, path, self.workers.admit_recording()?))
+        Ok((spec, units, path))
     }
 
+    /// Runs a replay, which waits for a permit to read its recording if it has none.
     fn run_in_background(
         &self,
         number: u64,
         replay: Replay,
-        (spec, units, path, turn): (AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit),
+        (spec, units, path): (AssetSpec, ChannelUnits, PathBuf),
+        permit: Option<OwnedSemaphorePermit>,
     ) -> Arc<Replay> {
-        let (stop, stopped) = watch::channel(false);
+        let (stop, mut stopped) = watch::channel(false);
         let first = Arc::new(replay.clone());
         self.list.insert_running(number, Arc::clone(&first), stop);
         let mut defaults = defaults_of(&spec, &units, replay.started_at);
         replay.recording.complete(&mut defaults);
         let cut = replay.recording.record_seconds.map(Cut::Seconds);
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
-        let records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            Ok(RecordingFile::open(&path, defaults, cut)?.skip(done))
-        });
-        let records = records.numbered_from(replay.records_done);
+        let workers = Arc::clone(&self.workers);
         let run = Run {
             pipeline: Arc::clone(&self.pipeline),
             list: Arc::clone(&self.list),
@@ -155,7 +156,17 @@ impl Replays {
             number,
         };
         tokio::spawn(async move {
-            let _turn = turn;
+            let _permit = match permit {
+                Some(permit) => Some(permit),
+                None => tokio::select! {
+                    permit = workers.wait_for_recording() => permit,
+                    _ = stopped.wait_for(|stopped| *stopped) => None,
+                },
+            };
+            let records = RecordStream::spawn(workers.recording_bytes(), move || {
+                Ok(RecordingFile::open(&path, defaults, cut)?.skip(done))
+            });
+            let records = records.numbered_from(replay.records_done);
             run.to_end(replay, records, stopped).await;
         });
         first

@@ -153,6 +153,8 @@ pub struct SegmentFilter {
     pub to: Option<Timestamp>,
     /// Only those after this one in the order.
     pub after: Option<SegmentKey>,
+    /// Only those that are not excluded.
+    pub counted: bool,
     /// The order.
     pub order: Order,
 }
@@ -279,11 +281,12 @@ impl Store {
             Order::Asc => (">", "ASC", i64::MIN),
             Order::Desc => ("<", "DESC", i64::MAX),
         };
+        let counted = if filter.counted { "AND excluded = 0" } else { "" };
         // Selected before the joins: PostgreSQL would otherwise join the whole channel, because it cannot
         // know that each segment has served results.
         let text = format!(
             "{SEGMENT} FROM (
-                SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (start_time_ns, id) {after} ($4, $5)
+                SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (start_time_ns, id) {after} ($4, $5) {counted}
                 ORDER BY start_time_ns {direction}, id {direction} LIMIT $6
              ) s {SERVED} ORDER BY s.start_time_ns {direction}, s.id {direction}"
         );
