@@ -1,7 +1,8 @@
 //! Ownership of partitions: a worker renews its lease, and claims or releases partitions until it has its
 //! share.
 //!
-//! It makes workers fast, not right: a record that two workers process is stored once, with the same result.
+//! Ownership is for speed, not for correctness: a record that two workers process is stored once,
+//! with the same result.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -65,7 +66,7 @@ impl Ownership {
     }
 
     async fn renew(&self) -> Result<(), ClusterError> {
-        // Without a connection to the queue, others shall take the records.
+        // Without a connection to the queue, other workers should take the records.
         if let Some(fault) = self.connection.fault() {
             return Err(ClusterError::jetstream("renew the ownership of partitions")(fault.into()));
         }

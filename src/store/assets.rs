@@ -75,7 +75,7 @@ pub struct ChannelSummary {
     pub(super) next_analysis: Option<(i64, String)>,
     /// The generation of estimates being written.
     pub(super) next_wear: Option<i64>,
-    /// Until when its writer counts as alive.
+    /// When the lease of its writer expires.
     pub(super) maker_until: Option<Timestamp>,
     /// The earliest place where the history changed since this generation was started.
     pub(super) changed_from: Option<SegmentKey>,

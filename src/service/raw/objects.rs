@@ -386,9 +386,9 @@ impl RawObjects {
     }
 }
 
-/// The age from which on an unreferenced object may be removed. Objects of accepted records that wait for
-/// their results are younger. Ages are by the clock of the object store, because the clock of a process may
-/// be wrong.
+/// The minimum age of an unreferenced object before it may be removed. Objects of accepted records that wait
+/// for their results are younger. Ages are by the clock of the object store, because the clock of a process
+/// may be wrong.
 #[derive(Debug, Clone, Copy)]
 struct Age {
     now: Timestamp,

@@ -95,7 +95,7 @@ impl Cutting {
             && self.bin_of(began) == self.bin_of(point)
     }
 
-    /// Skips frames with which no record can start any more, so that they need not be kept.
+    /// Skips frames at which no further record can start, so that they need not be kept.
     pub(super) fn pass_over(&self, cutter: &mut StreamCutter) {
         if self.steady.is_some() {
             // A record is cut as soon as it is complete.

@@ -57,7 +57,7 @@ pub(crate) use tachometer::Pulses;
 /// Time for the database to end what it is doing with streams when the service ends.
 const CLOSING: Duration = Duration::from_secs(2);
 
-/// Number of records of a stream waiting for the pipeline from which on the sender has to wait.
+/// Maximum number of records of a stream that wait for the pipeline; then the sender waits.
 const MAX_PENDING: usize = 4;
 
 /// The live streams of a service.

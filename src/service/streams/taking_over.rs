@@ -44,14 +44,14 @@ impl Streams {
         Ok(())
     }
 
-    /// Forgets the streams of an asset that another process deleted, if they are not in use: that ends by
-    /// itself.
+    /// Forgets the streams of an asset that another process deleted. Streams in use are dropped by their last
+    /// user.
     pub(super) fn forget(&self, asset: &AssetId) {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|(of, _), stream| of != asset || Arc::strong_count(stream) > 1);
     }
 
-    /// Forgets streams that do not exist, or not any more.
+    /// Forgets streams that do not exist or have been removed.
     fn forget_unused(&self) {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, stream| Arc::strong_count(stream) > 1 || stream.is_used());

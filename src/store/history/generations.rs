@@ -22,8 +22,8 @@ use crate::store::{
     SegmentKey, Store, StoreError,
 };
 
-/// Time after its last renewal for which the process that writes a generation counts as alive; then another
-/// one may take over.
+/// Length of the lease of the process that writes a generation, from its last renewal. Once it expires,
+/// another process may take over.
 const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 /// The error for a process that lost its generation to another one.

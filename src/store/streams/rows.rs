@@ -15,7 +15,7 @@ use crate::asset::AssetId;
 use crate::store::database::rows::{asset_id, get, get_count, lease_end, to_ns};
 use crate::store::{JournalEntry, Store, StoreError, TimedLevel};
 
-/// How long a process that stores the records of a stream counts as alive after its last renewal.
+/// Length of the lease of a process that stores the records of a stream, from its last renewal.
 const LEASE: SignedDuration = SignedDuration::from_secs(20);
 
 /// Bytes of levels of a stream beyond which the oldest are removed: twelve days for one channel.
