@@ -178,8 +178,9 @@ impl Pipeline {
     /// Processes a queued record from the analysis on; returns `None` if its asset was deleted. A repeated
     /// record changes nothing.
     ///
-    /// Errors: those of the store, which may be temporary; permanent ones if the raw bytes are damaged or are
-    /// not those of the queued record.
+    /// # Errors
+    /// Those of the store, which may be temporary; permanent ones if the raw bytes are damaged or are not
+    /// those of the queued record.
     pub async fn process(
         self: &Arc<Self>,
         record: &QueuedRecord,

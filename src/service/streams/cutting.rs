@@ -41,7 +41,8 @@ pub(super) enum Decision {
 impl Cutting {
     /// The rules of an asset's description.
     ///
-    /// Error: a record would be too long or too large.
+    /// # Errors
+    /// A record would be too long or too large.
     pub(crate) fn of(spec: &AssetSpec, format: &StreamFormat) -> Result<Self, RecordingError> {
         let clocked = CutPolicy::new(spec.stream.record_s, spec.stream.interval_s, format.sample_rate_hz())?;
         check_bytes(clocked.record_frames(), format)?;

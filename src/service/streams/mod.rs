@@ -136,8 +136,9 @@ impl Streams {
     /// previous sender is notified that it has been replaced. `first` is the index at which a new stream starts;
     /// by default that of its first sample.
     ///
-    /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
-    /// large; the asset has too many streams; the stream may be that of an asset which the database has lost.
+    /// # Errors
+    /// The asset has no sensor of its own; the stream has another format; a record of it would be too large;
+    /// the asset has too many streams; the stream may be that of an asset which the database has lost.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -204,14 +205,16 @@ impl Streams {
 
     /// The status of a stream.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
         self.of_stream(asset, name, |stream, stored| status(stream, stored)).await
     }
 
     /// The levels of each second of a stream from one time to another.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn levels(
         &self,
         asset: &AssetId,
@@ -224,7 +227,8 @@ impl Streams {
 
     /// Makes a record of the last seconds of a stream; returns its start time and its number of samples.
     ///
-    /// Errors: [`ServiceError::StreamUnknown`], also if the stream has no sample.
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`], also if the stream has no sample.
     pub async fn keep_last(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -251,7 +255,8 @@ impl Streams {
 
     /// Removes a stream with its samples that are not part of a stored record.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name).await?;

@@ -70,7 +70,8 @@ pub struct StreamCheckpoint<'a> {
 impl Store {
     /// Creates a stream with a state, unless there is one; returns false if the asset has `most` others.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if the asset created at `created_at` is deleted.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if the asset created at `created_at` is deleted.
     pub async fn create_stream(
         &self,
         asset: &AssetId,
