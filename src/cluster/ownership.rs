@@ -45,7 +45,7 @@ impl Ownership {
                 Ok(()) => (renewed_at, is_failing) = (began, false),
                 Err(error) => {
                     if !std::mem::replace(&mut is_failing, true) {
-                        tracing::warn!(%error, "failed to renew the ownership of partitions, retrying");
+                        tracing::warn!(%error, "failed to renew the ownership of partitions; retrying");
                     }
                     // Others own them by now, and can store their records.
                     if renewed_at.elapsed() >= WORKER_LEASE {
@@ -61,7 +61,7 @@ impl Ownership {
         self.own(BTreeSet::new());
         let ended = self.service.store.end_queue_worker(&self.worker);
         if !matches!(tokio::time::timeout(RENEWAL_TIMEOUT, ended).await, Ok(Ok(()))) {
-            tracing::warn!("failed to release partitions: others take them over when the lease expires");
+            tracing::warn!("failed to release partitions; others take them over when the lease expires");
         }
     }
 

@@ -36,7 +36,7 @@ impl Tries {
     fn wait_after<T>(&mut self, changed: &Result<T, ServiceError>) -> Option<Duration> {
         match changed {
             Err(ServiceError::Store(error)) if error.is_conflict() && self.0 < MAX_TRIES => {
-                tracing::debug!(%error, tries = self.0, "conflict with another process: retrying the change of a description");
+                tracing::debug!(%error, tries = self.0, "conflict with another process; retrying the change of a description");
                 self.0 += 1;
                 Some(WAIT * self.0)
             }

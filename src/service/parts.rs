@@ -326,7 +326,7 @@ impl Service {
                     return;
                 }
                 if let Err(error) = store.store_trend_blocks().await {
-                    tracing::warn!(%error, "failed to store histories as columns: reading them row by row");
+                    tracing::warn!(%error, "failed to store histories as columns; reading them row by row");
                 }
             }
         });

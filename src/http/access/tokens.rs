@@ -82,7 +82,7 @@ impl Tokens {
                 Some(known)
                     if error.is_unavailable() && known.read_at.elapsed() < MAX_AGE_WITHOUT_DATABASE =>
                 {
-                    tracing::warn!(%error, "failed to read tokens: using cached ones");
+                    tracing::warn!(%error, "failed to read tokens; using cached ones");
                     known.tried_at = Instant::now();
                     Ok(known.tokens.clone())
                 }

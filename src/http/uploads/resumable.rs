@@ -139,7 +139,7 @@ async fn watch(app: App) {
         if let Err(problem) = look.await {
             tracing::debug!(
                 problem = problem.detail(),
-                "failed to look for unprocessed uploads: retrying later"
+                "failed to look for unprocessed uploads; retrying later"
             );
         }
         tokio::time::sleep(POLL_INTERVAL).await;
@@ -220,7 +220,7 @@ async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
             tracing::warn!(
                 upload = upload.id,
                 problem = problem.detail(),
-                "failed to store the result of an upload: retrying"
+                "failed to store the result of an upload; retrying"
             );
             if app.service.store.is_closed() || !problem.may_pass() {
                 break;
@@ -247,7 +247,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
                 tracing::debug!(
                     upload = upload.id,
                     problem = problem.detail(),
-                    "failed to process an upload: retrying later"
+                    "failed to process an upload; retrying later"
                 );
                 app.reading_waits.set(&upload.id, Some(problem.detail()));
                 wait = if problem.is_busy() { RETRY_AFTER } else { wait };

@@ -87,7 +87,7 @@ impl RawObjects {
         let repair = move || {
             kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_object_error()));
             for (object, _) in &kept {
-                tracing::warn!(object, "a raw object was lost or damaged and was received again: storing it");
+                tracing::warn!(object, "a raw object was lost or damaged and was received again; storing it");
             }
             store.objects().put_all(&kept, &[])
         };

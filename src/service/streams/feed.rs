@@ -201,7 +201,7 @@ impl FrameProducer {
                 // It may succeed the next time.
                 Err(error) => {
                     let (asset, name) = (&self.stream.asset, &self.stream.name);
-                    tracing::debug!(%asset, name, %error, "failed to produce a frame of a live view: retrying");
+                    tracing::debug!(%asset, name, %error, "failed to produce a frame of a live view; retrying");
                     self.wait();
                 }
             }

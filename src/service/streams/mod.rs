@@ -322,7 +322,7 @@ impl Streams {
                 self.release_cutting().await;
             };
             if tokio::time::timeout(CLOSING, close).await.is_err() {
-                tracing::warn!("failed to release the live streams in time: another process takes them over");
+                tracing::warn!("failed to release the live streams in time; another process takes them over");
             }
         } else if let Err(error) = close.await {
             tracing::error!(%error, "failed to close the live streams");

@@ -25,7 +25,7 @@ impl Streams {
                 }
                 let Some(streams) = streams.upgrade() else { return };
                 if let Err(error) = streams.take_over().await {
-                    tracing::warn!(%error, "failed to look for streams without a process: retrying later");
+                    tracing::warn!(%error, "failed to look for streams without a process; retrying later");
                 }
                 streams.forget_unused();
             }
@@ -61,7 +61,7 @@ impl Streams {
     pub(super) async fn release_cutting(&self) {
         let Some(rows) = self.places.shared() else { return };
         if let Err(error) = self.store.end_cutting(rows.process, None).await {
-            tracing::warn!(%error, "failed to release the live streams: another process takes them over later");
+            tracing::warn!(%error, "failed to release the live streams; another process takes them over later");
         }
     }
 }
