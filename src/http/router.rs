@@ -142,7 +142,7 @@ fn set(name: HeaderName, value: &'static str) -> SetResponseHeaderLayer<HeaderVa
 }
 
 async fn no_such_path(uri: Uri) -> Problem {
-    Problem::not_found(format!("there is nothing at {}", uri.path()))
+    Problem::not_found(format!("path {:?} not found", uri.path()))
 }
 
 async fn no_such_method(method: Method, uri: Uri) -> Problem {
