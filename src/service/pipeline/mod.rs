@@ -8,7 +8,7 @@
 //!
 //! | step | source |
 //! | --- | --- |
-//! | decode | `record/decode.rs`; records of a recording are decoded by `read_ahead.rs` |
+//! | decode | `record/decode.rs`; for recordings `recording::McapReader` and `recording::RecordingFile` |
 //! | identify, and find repeated records | `record/identify.rs` |
 //! | store raw | `raw/objects.rs` |
 //! | analyse | `record/analyse.rs` |
@@ -16,8 +16,31 @@
 //! | commit | `commit.rs` |
 //! | announce | `events.rs`, called by the commit once everything is durable |
 //!
-//! On an API node the pipeline ends with the work queue after the raw bytes are stored; a worker continues
-//! with the analysis.
+//! `read_ahead.rs` runs the readers of recordings on a thread of their own, and passes on batches of records.
+//!
+//! The calls for the record of an upload, in their order:
+//!
+//! ```text
+//! Pipeline::accept              as a task that outlives the request
+//!   Pipeline::take_upload       reads the SensorGroup and the ChannelUnits; decodes and identifies
+//!     Pipeline::begin           omits records that are stored already (known_to_all)
+//!       Pipeline::analyse       analyses (analyse_all) while the raw bytes are stored (RawObjects::put)
+//!     Pipeline::finish          counts the outcomes
+//!       Pipeline::commit        commits, then ends the protection of the raw bytes
+//!         commit_segments       analyses again if the description has changed
+//!           Committer::commit   waits for its turn, then commits the records of all that wait
+//!             commit_jobs       if they fail together, commits each job separately
+//!             commit_with_retries   commits again after a conflict with another process
+//!             commit_together   locks the channels and opens the transaction
+//!               History::append     folds the records into their channel
+//!               Committer::write    writes the rows and ends the transaction
+//!                 History::committed    updates the channel in memory
+//!               Announcer::announce_segment
+//!         analyse_for_group     analyses and commits for the other assets of the sensor
+//! ```
+//!
+//! On an API node `begin` stores the raw bytes and `finish` puts the record into the work queue. On a worker,
+//! `process` continues with the analysis.
 
 mod commit;
 mod read_ahead;
