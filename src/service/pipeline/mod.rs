@@ -21,22 +21,22 @@
 //! The calls for the record of an upload, in their order:
 //!
 //! ```text
-//! Pipeline::accept              as a task that outlives the request
-//!   Pipeline::take_upload       reads the SensorGroup and the ChannelUnits; decodes and identifies
-//!     Pipeline::begin           omits records that are stored already (known_to_all)
-//!       Pipeline::analyse       analyses (analyse_all) while the raw bytes are stored (RawObjects::put)
-//!     Pipeline::finish          counts the outcomes
-//!       Pipeline::commit        commits, then ends the protection of the raw bytes
-//!         commit_segments       analyses again if the description has changed
-//!           Committer::commit   waits for its turn, then commits the records of all that wait
-//!             commit_jobs       if they fail together, commits each job separately
-//!             commit_with_retries   commits again after a conflict with another process
-//!             commit_together   locks the channels and opens the transaction
-//!               History::append     folds the records into their channel
-//!               Committer::write    writes the rows and ends the transaction
-//!                 History::committed    updates the channel in memory
-//!               Announcer::announce_segment
-//!         analyse_for_group     analyses and commits for the other assets of the sensor
+//! Pipeline::accept                       as a task that outlives the request
+//!  Pipeline::take_upload                 reads SensorGroup and ChannelUnits; decodes and identifies
+//!   Pipeline::begin                      omits records that are stored already (known_to_all)
+//!    Pipeline::analyse                   analyse_all while RawObjects::put stores the raw bytes
+//!   Pipeline::finish                     counts the outcomes
+//!    Pipeline::commit                    commits, then ends the protection of the raw bytes
+//!     Pipeline::commit_segments          analyses again if the description has changed
+//!      Committer::commit                 waits for its turn, then commits for all that wait
+//!       Committer::commit_jobs           if all fail together, commits each job separately
+//!        Committer::commit_with_retries  commits again after a conflict with another process
+//!         Committer::commit_together     locks the channels and opens the transaction
+//!          History::append               folds the records into their channel
+//!          Committer::write              writes the rows and ends the transaction
+//!           History::committed           updates the channel in memory
+//!          Announcer::announce_segment   sends the event
+//!     Pipeline::analyse_for_group        the same for the other assets of the sensor
 //! ```
 //!
 //! On an API node `begin` stores the raw bytes and `finish` puts the record into the work queue. On a worker,
