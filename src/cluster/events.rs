@@ -55,7 +55,7 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
             waiting.push_front(LiveEvent::Lost(std::mem::take(&mut lost)));
         }
         if let Err(error) = send(&connection, &mut waiting).await {
-            tracing::debug!(%error, waiting = waiting.len(), "failed to publish events, retrying");
+            tracing::debug!(%error, waiting = waiting.len(), "failed to publish events; retrying");
             if is_over {
                 return;
             }
@@ -162,7 +162,7 @@ async fn forward(
             match subscribed.await {
                 Ok(new) => messages = Some(new),
                 Err(error) => {
-                    tracing::debug!(%error, "failed to subscribe to events, retrying");
+                    tracing::debug!(%error, "failed to subscribe to events; retrying");
                     tokio::time::sleep(Duration::from_secs(1)).await;
                 }
             }
@@ -188,7 +188,7 @@ async fn forward(
                 }
             }
             Some(Err(error)) => {
-                tracing::debug!(%error, "failed to read events, subscribing again");
+                tracing::debug!(%error, "failed to read events; subscribing again");
                 messages = None;
             }
             None => messages = None,

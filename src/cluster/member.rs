@@ -31,7 +31,7 @@ impl Cluster {
         let connection = Connection::open(settings).await?;
         if let Err(error) = connection.prepare().await {
             // Workers and uploads create the streams once NATS is available.
-            tracing::warn!(%error, "failed to create the cluster's streams, retrying when NATS is available");
+            tracing::warn!(%error, "failed to create the cluster's streams; retrying when NATS is available");
         }
         Ok(Self { connection })
     }

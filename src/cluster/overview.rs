@@ -125,7 +125,7 @@ async fn workers(connection: &Connection) -> Result<Vec<WorkerOverview>, Cluster
 pub(super) async fn respond(connection: Connection, overview: impl Fn() -> WorkerOverview) {
     loop {
         match connection.client.subscribe(connection.workers_subject()).await {
-            Err(error) => tracing::warn!(%error, "failed to subscribe to status queries, retrying"),
+            Err(error) => tracing::warn!(%error, "failed to subscribe to status queries; retrying"),
             Ok(mut queries) => {
                 while let Some(query) = queries.next().await {
                     let Some(to) = query.reply else { continue };

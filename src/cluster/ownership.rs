@@ -1,7 +1,8 @@
 //! Ownership of partitions: a worker renews its lease, and claims or releases partitions until it has its
 //! share.
 //!
-//! It makes workers fast, not right: a record that two workers process is stored once, with the same result.
+//! Ownership is for speed, not for correctness: a record that two workers process is stored once,
+//! with the same result.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -44,7 +45,7 @@ impl Ownership {
                 Ok(()) => (renewed_at, is_failing) = (began, false),
                 Err(error) => {
                     if !std::mem::replace(&mut is_failing, true) {
-                        tracing::warn!(%error, "failed to renew the ownership of partitions, retrying");
+                        tracing::warn!(%error, "failed to renew the ownership of partitions; retrying");
                     }
                     // Others own them by now, and can store their records.
                     if renewed_at.elapsed() >= WORKER_LEASE {
@@ -60,12 +61,12 @@ impl Ownership {
         self.own(BTreeSet::new());
         let ended = self.service.store.end_queue_worker(&self.worker);
         if !matches!(tokio::time::timeout(RENEWAL_TIMEOUT, ended).await, Ok(Ok(()))) {
-            tracing::warn!("failed to release partitions: others take them over when the lease expires");
+            tracing::warn!("failed to release partitions; others take them over when the lease expires");
         }
     }
 
     async fn renew(&self) -> Result<(), ClusterError> {
-        // Without a connection to the queue, others shall take the records.
+        // Without a connection to the queue, other workers should take the records.
         if let Some(fault) = self.connection.fault() {
             return Err(ClusterError::jetstream("renew the ownership of partitions")(fault.into()));
         }

@@ -74,7 +74,7 @@ impl Worker {
     /// Processes records until it is stopped, then finishes those in progress.
     pub(super) async fn run(self) {
         while let Err(error) = self.service.resume().await {
-            tracing::warn!(%error, "failed to resume, retrying");
+            tracing::warn!(%error, "failed to resume; retrying");
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
         let changes = tokio::spawn(self.clone().follow_changes());
@@ -97,7 +97,7 @@ impl Worker {
                 result = intake.run() => result,
             };
             if let Err(error) = result {
-                tracing::warn!(%error, "failed to take records from the queue, retrying");
+                tracing::warn!(%error, "failed to take records from the queue; retrying");
                 tokio::select! {
                     _ = stop.wait_for(|stop| *stop) => break,
                     () = tokio::time::sleep(Duration::from_secs(1)) => {}
@@ -170,7 +170,7 @@ impl Worker {
             Outcome::DeadLetter(reason) => match self.put_dead_letter(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
-                    tracing::warn!(%error, reason, "failed to move a record to the dead letters, retrying later");
+                    tracing::warn!(%error, reason, "failed to move a record to the dead letters; retrying later");
                     self.excuse(&message, &reason).await;
                     AckKind::Nak(Some(REDELIVERY_DELAY))
                 }
@@ -222,7 +222,7 @@ impl Worker {
                 ));
             }
             Err(error) => {
-                tracing::warn!(%error, "failed to count the deliveries of a record, returning it to the queue");
+                tracing::warn!(%error, "failed to count the deliveries of a record; returning it to the queue");
                 return Outcome::Redeliver(REDELIVERY_DELAY);
             }
         }
@@ -252,7 +252,7 @@ impl Worker {
                 (is_excused, *has_attempts) = (true, true);
                 // Before the log line, after which somebody may kill this worker.
                 self.excuse(message, &reason).await;
-                tracing::warn!(segment = %record.id, %error, "failed to store a record, retrying");
+                tracing::warn!(segment = %record.id, %error, "failed to store a record; retrying");
             }
             tokio::select! {
                 _ = stop.wait_for(|stop| *stop) => return Outcome::Redeliver(DELAY_AFTER_STOP),
@@ -291,7 +291,7 @@ impl Worker {
     async fn follow_changes(self) {
         loop {
             match self.connection.client.subscribe(self.connection.changes_subject()).await {
-                Err(error) => tracing::warn!(%error, "failed to subscribe to changes, retrying"),
+                Err(error) => tracing::warn!(%error, "failed to subscribe to changes; retrying"),
                 Ok(mut changes) => {
                     while let Some(change) = changes.next().await {
                         let name = String::from_utf8_lossy(&change.payload).into_owned();

@@ -167,7 +167,7 @@ impl Problem {
             && field.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
             && let Some((value, expected)) = rest.split_once(", expected ")
         {
-            // the position follows the expectation
+            // The position follows the expectation
             let expected = expected.split(" at line ").next().unwrap_or(expected);
             return self.with_field(field, value, expected);
         }

@@ -193,7 +193,7 @@ async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<Reporte
             rule: stored.rule,
             state: stored.alarm.state(now),
             severity: stored.alarm.severity(),
-            // withdrawn entries are omitted on paper
+            // Withdrawn entries are omitted on paper
             history: history
                 .into_iter()
                 .filter(|entry| entry.withdrawn_at.is_none())

@@ -122,7 +122,7 @@ pub(super) fn router(app: App) -> Router {
         .layer(from_fn_with_state(app.clone(), head::layer))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
-        // the default level takes two to five times as long, for responses 7 to 9 % smaller
+        // The default level takes two to five times as long, for responses 7 to 9 % smaller
         .layer(CompressionLayer::new().gzip(true).quality(CompressionLevel::Fastest))
         .layer(set(header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY))
         .layer(set(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
@@ -142,7 +142,7 @@ fn set(name: HeaderName, value: &'static str) -> SetResponseHeaderLayer<HeaderVa
 }
 
 async fn no_such_path(uri: Uri) -> Problem {
-    Problem::not_found(format!("there is nothing at {}", uri.path()))
+    Problem::not_found(format!("path {:?} not found", uri.path()))
 }
 
 async fn no_such_method(method: Method, uri: Uri) -> Problem {

@@ -75,7 +75,7 @@ impl MqttFeed {
             self.task.abort();
         }
         if tokio::time::timeout(grace, &mut self.task).await.is_err() {
-            tracing::warn!("failed to finish all messages within the grace period: the broker keeps them");
+            tracing::warn!("failed to finish all messages within the grace period; the broker keeps them");
             self.task.abort();
         }
         self.feed.lost("stopped".to_owned());
@@ -113,7 +113,7 @@ async fn keep_connected(
             tracing::warn!(
                 broker = settings.broker(),
                 reason,
-                "failed to connect to the MQTT broker: retrying"
+                "failed to connect to the MQTT broker; retrying"
             );
         }
         feed.lost(reason);

@@ -57,7 +57,7 @@ impl<'a> Attempts<'a> {
             FailureAction::Retry(reason) => reason,
         };
         if self.holding.is_none() {
-            tracing::debug!(reason, asset = %self.address.asset, "failed to store a message, retrying");
+            tracing::debug!(reason, asset = %self.address.asset, "failed to store a message; retrying");
         }
         // Renewed before the old one is dropped, so that the feed shows the trouble without a gap.
         let renewed = self.feed.hold(reason);

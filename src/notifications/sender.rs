@@ -64,7 +64,7 @@ impl Notifier {
         let _ = self.stop.send(true);
         let end = async { while self.tasks.join_next().await.is_some() {} };
         if tokio::time::timeout(grace, end).await.is_err() {
-            tracing::warn!("failed to finish a notification within the grace period: it is sent again later");
+            tracing::warn!("failed to finish a notification within the grace period; it is sent again later");
         }
     }
 }
@@ -138,10 +138,10 @@ impl Sender {
         let (id, asset) = (&notification.id, &notification.asset_id);
         let error: String = chain(error).chars().take(MAX_ERROR).collect();
         if now.duration_since(notification.noted_at) > MAX_AGE {
-            tracing::error!(recipient, id, %asset, attempts, error, "failed to send a notification, giving up");
+            tracing::error!(recipient, id, %asset, attempts, error, "failed to send a notification; giving up");
             return Ok(Attempt::GivenUp { error });
         }
-        tracing::warn!(recipient, id, %asset, attempts, error, "failed to send a notification, retrying");
+        tracing::warn!(recipient, id, %asset, attempts, error, "failed to send a notification; retrying");
         let again_at = now.saturating_add(wait_after(attempts)).unwrap_or(now);
         Ok(Attempt::Failed { error, again_at })
     }

@@ -44,8 +44,9 @@ pub struct Alarms {
 impl Alarms {
     /// Applies an action to an alarm; returns once it is durable.
     ///
-    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] if the action is not possible in the
-    /// alarm's state.
+    /// # Errors
+    /// [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] if the action is not possible in the alarm's
+    /// state.
     pub async fn act(&self, id: &str, done: OperatorAction) -> Result<StoredAlarm, ServiceError> {
         let stored = self.store.alarm(id).await?;
         let stored = stored.ok_or_else(|| ServiceError::AlarmUnknown(id.to_owned()))?;

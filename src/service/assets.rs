@@ -36,7 +36,7 @@ impl Tries {
     fn wait_after<T>(&mut self, changed: &Result<T, ServiceError>) -> Option<Duration> {
         match changed {
             Err(ServiceError::Store(error)) if error.is_conflict() && self.0 < MAX_TRIES => {
-                tracing::debug!(%error, tries = self.0, "conflict with another process: retrying the change of a description");
+                tracing::debug!(%error, tries = self.0, "conflict with another process; retrying the change of a description");
                 self.0 += 1;
                 Some(WAIT * self.0)
             }
@@ -64,7 +64,8 @@ impl Assets {
     /// Creates an asset and starts to simulate its library. Earlier records of a shared sensor are analysed
     /// for it in the background.
     ///
-    /// Error: the asset whose sensor it shares does not exist or itself shares a sensor.
+    /// # Errors
+    /// The asset whose sensor it shares does not exist or itself shares a sensor.
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let _turn = self.describing.lock().await;
         let mut tries = Tries::default();
@@ -102,7 +103,8 @@ impl Assets {
     /// Replaces an asset's description. Its history is recomputed in the background if it depends on what
     /// changed.
     ///
-    /// Error: [`ServiceError::Precondition`].
+    /// # Errors
+    /// [`ServiceError::Precondition`].
     pub async fn update(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
         let _turn = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
@@ -144,7 +146,8 @@ impl Assets {
     /// Deletes an asset, its rows and its streams; many records are removed some at a time. Raw recordings that
     /// no other asset has are moved into quarantine. After an error, a repeat completes what is left.
     ///
-    /// Errors: [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
+    /// # Errors
+    /// [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
     pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
         let _turn = self.describing.lock().await;
         precondition.check(&self.store.asset(id).await?)?;

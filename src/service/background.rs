@@ -40,7 +40,7 @@ pub(crate) fn every<F>(
         while !store.is_closed() {
             let Some(round) = work() else { return };
             if let Err(error) = round.await {
-                tracing::warn!(%error, "failed to {what}: retrying later");
+                tracing::warn!(%error, "failed to {what}; retrying later");
             }
             tokio::time::sleep(interval).await;
         }

@@ -134,16 +134,16 @@ pub enum ServiceError {
     #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,
     /// There is no such replay.
-    #[error("there is no replay {0:?}")]
+    #[error("replay {0:?} not found")]
     ReplayUnknown(String),
     /// There is no such alarm.
-    #[error("there is no alarm {0:?}")]
+    #[error("alarm {0:?} not found")]
     AlarmUnknown(String),
     /// The action is not possible in the current state of the alarm.
     #[error(transparent)]
     Alarm(#[from] AlarmError),
     /// There is no such maintenance event.
-    #[error("there is no maintenance event {0:?}")]
+    #[error("maintenance event {0:?} not found")]
     MaintenanceUnknown(String),
     /// The threads of a pool cannot be started.
     #[error("failed to start {name} threads: {source}")]

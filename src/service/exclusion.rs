@@ -31,7 +31,8 @@ impl Exclusions {
     /// sensor; returns how many records of the asset changed. Histories are folded again in the background.
     /// After an error, a repeat completes what is left.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
+    /// # Errors
+    /// [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn set_each(
         &self,
         asset: &AssetId,

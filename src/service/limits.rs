@@ -66,7 +66,7 @@ pub struct RawQuotas {
 /// How the results of old records are thinned, once their raw bytes are gone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OldResults {
-    /// Age from which on records are old.
+    /// Minimum age of an old record.
     pub age: Duration,
     /// Of the old records of a channel, one in each interval of this length is kept.
     pub interval: Duration,

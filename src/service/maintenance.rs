@@ -34,7 +34,8 @@ impl Maintenance {
 
     /// Removes an event as if it had never been added.
     ///
-    /// Error: [`ServiceError::MaintenanceUnknown`].
+    /// # Errors
+    /// [`ServiceError::MaintenanceUnknown`].
     pub async fn remove(&self, asset: &AssetId, id: &str) -> Result<(), ServiceError> {
         self.store.asset(asset).await?;
         let unknown = || ServiceError::MaintenanceUnknown(id.to_owned());

@@ -3,8 +3,7 @@
 //! | part | purpose |
 //! | --- | --- |
 //! | [`Pipeline`] | processes records: decode, identify, store raw, analyse, fold, commit, announce |
-//! | [`History`] | folds records, late ones too, into the history of their channel, and recomputes histories
-//! |
+//! | [`History`] | folds records, late ones too, into their channel's history, and recomputes histories |
 //! | [`Simulations`] | simulates the libraries, and provides the estimator of each asset |
 //! | [`Replays`] | sends recordings from a folder through the pipeline |
 //! | [`Streams`] | stores live streams in journals and cuts records out of them |

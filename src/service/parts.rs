@@ -91,7 +91,8 @@ impl Service {
     /// Connects the parts on a store; `grid` sets how libraries are simulated. Must be called inside a Tokio
     /// runtime.
     ///
-    /// Errors: a folder cannot be created, or the worker threads cannot be started.
+    /// # Errors
+    /// A folder cannot be created, or the worker threads cannot be started.
     pub fn new(
         store: Store,
         folders: ServiceFolders,
@@ -325,7 +326,7 @@ impl Service {
                     return;
                 }
                 if let Err(error) = store.store_trend_blocks().await {
-                    tracing::warn!(%error, "failed to store histories as columns: reading them row by row");
+                    tracing::warn!(%error, "failed to store histories as columns; reading them row by row");
                 }
             }
         });

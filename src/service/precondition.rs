@@ -31,7 +31,8 @@ impl Precondition {
 
     /// Checks the condition against an asset.
     ///
-    /// Error: [`ServiceError::Precondition`].
+    /// # Errors
+    /// [`ServiceError::Precondition`].
     pub(crate) fn check(&self, asset: &Asset) -> Result<(), ServiceError> {
         if self.is_none() {
             return Ok(());

@@ -36,7 +36,8 @@ impl Removals {
     /// quarantine, and histories are recomputed in the background. After an error, a repeat completes what is
     /// left.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
+    /// # Errors
+    /// [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn remove_each(&self, asset: &AssetId, ranges: &[RecordRange]) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();

@@ -19,7 +19,8 @@ pub(crate) struct SensorGroup {
 impl SensorGroup {
     /// Reads the group of the sensor that an asset owns.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
+    /// # Errors
+    /// [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub(crate) async fn of(store: &Store, id: &AssetId) -> Result<Self, ServiceError> {
         let all = store.assets_of_sensor(id).await?;
         let asset = one_of(&all, id)?;
@@ -58,7 +59,8 @@ pub(crate) async fn ids_of_sensor(store: &Store, id: &AssetId) -> Result<Vec<Ass
 
 /// The other assets of the same sensor, provided that none of them shares the sensor of this one.
 ///
-/// Error: [`ServiceError::SensorShared`].
+/// # Errors
+/// [`ServiceError::SensorShared`].
 pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
     let all = store.assets_of_sensor(id).await?;
     let through = all.iter().filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));

@@ -78,7 +78,8 @@ pub struct WorkerOverview {
 pub trait WorkQueue: Send + Sync + 'static {
     /// Enqueues records; they are durable once this returns without an error.
     ///
-    /// Error: [`ServiceError::Busy`] if the queue cannot accept them now.
+    /// # Errors
+    /// [`ServiceError::Busy`] if the queue cannot accept them now.
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>>;
 
     /// The names of the raw objects of all records in the queue and among the dead letters.

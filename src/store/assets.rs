@@ -75,7 +75,7 @@ pub struct ChannelSummary {
     pub(super) next_analysis: Option<(i64, String)>,
     /// The generation of estimates being written.
     pub(super) next_wear: Option<i64>,
-    /// Until when its writer counts as alive.
+    /// When the lease of its writer expires.
     pub(super) maker_until: Option<Timestamp>,
     /// The earliest place where the history changed since this generation was started.
     pub(super) changed_from: Option<SegmentKey>,
@@ -152,7 +152,8 @@ impl Store {
 
     /// Stores a new asset, provided that no description has changed since it was `checked`.
     ///
-    /// Errors: [`StoreError::AssetExists`]; [`StoreError::Outdated`].
+    /// # Errors
+    /// [`StoreError::AssetExists`]; [`StoreError::Outdated`].
     pub async fn insert_asset(
         &self,
         spec: &AssetSpec,
@@ -186,7 +187,8 @@ impl Store {
 
     /// Replaces an asset's description, provided that no description has changed since it was `checked`.
     ///
-    /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn update_asset(
         &self,
         spec: &AssetSpec,
@@ -212,7 +214,8 @@ impl Store {
 
     /// Reads an asset.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn asset(&self, id: &AssetId) -> Result<Asset, StoreError> {
         let row = sqlx::query("SELECT * FROM assets WHERE id = $1")
             .bind(id.as_str())
@@ -234,7 +237,8 @@ impl Store {
     /// Deletes an asset with all its rows, provided that no description has changed since this was `checked`.
     /// Returns the names of the raw objects that are no longer referenced.
     ///
-    /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn delete_asset(
         &self,
         id: &AssetId,

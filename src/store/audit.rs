@@ -80,7 +80,8 @@ impl Store {
     /// Opens a store for reading, also while a service uses it. Nothing is written to a data folder except
     /// the files that SQLite needs beside the database to read it.
     ///
-    /// Errors: as for [`open`](Self::open); the database does not exist.
+    /// # Errors
+    /// Those of [`open`](Self::open); the database does not exist.
     pub async fn open_to_read(settings: &StoreSettings) -> Result<Self, StoreError> {
         match settings {
             StoreSettings::Folder(folder) => {

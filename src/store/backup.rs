@@ -40,7 +40,8 @@ pub struct Copied {
 /// which the copied database does not refer move into the quarantine of the backup for `quarantined_for`, as
 /// in the data folder, unless something could not be copied or the database is not that of the objects.
 ///
-/// Errors: the database is missing or damaged; the folder contains a backup of another store; files cannot be
+/// # Errors
+/// The database is missing or damaged; the folder contains a backup of another store; files cannot be
 /// written.
 pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Result<Copied, StoreError> {
     let (database, copy) = (data.join(DATABASE), to.join(DATABASE));
@@ -89,7 +90,8 @@ fn unfit(folder: &Path, what: &'static str) -> StoreError {
 /// they are newer than the backup. The mark of existing objects says so too, so that the next start reports
 /// it.
 ///
-/// Errors: the data folder has a database, or the backup has none; files cannot be written.
+/// # Errors
+/// The data folder has a database, or the backup has none; files cannot be written.
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (backup, database) = (from.join(DATABASE), data.join(DATABASE));
     if !backup.exists() {

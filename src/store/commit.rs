@@ -55,7 +55,8 @@ impl Commit {
     /// Reads an asset; its description and events are locked against changes until the end of the
     /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if it is deleted.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if it is deleted.
     pub async fn asset(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
         let mut found = self.assets(&[id]).await?;
         found.remove(id).ok_or_else(|| StoreError::AssetUnknown(id.clone()))
@@ -64,7 +65,8 @@ impl Commit {
     /// Reads assets; their descriptions and events are locked against changes until the end of the
     /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if one is deleted.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if one is deleted.
     pub async fn assets(&mut self, ids: &[&AssetId]) -> Result<HashMap<AssetId, Asset>, StoreError> {
         let text = format!(
             "SELECT * FROM assets WHERE id IN ({}) ORDER BY id{}",
@@ -85,7 +87,8 @@ impl Commit {
     /// Reads and locks an asset, so that no other transaction changes it or adds a channel to it before the
     /// end of this one; marks it as changed.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if it is deleted.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if it is deleted.
     pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
         // Every change of assets locks the counter before the asset, so that changes of several assets cannot
         // deadlock.
@@ -160,7 +163,8 @@ impl Commit {
 
     /// Reads and locks the current state of a channel that was read before.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if it is deleted with its asset.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if it is deleted with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
         let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.transaction).await?;

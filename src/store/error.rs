@@ -117,7 +117,7 @@ pub enum StoreError {
     #[error("asset {0} already exists")]
     AssetExists(AssetId),
     /// There is no asset of that name.
-    #[error("there is no asset {0}")]
+    #[error("asset \"{0}\" not found")]
     AssetUnknown(AssetId),
     /// A raw object does not exist.
     #[error("raw object {0} is missing")]

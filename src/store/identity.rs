@@ -20,7 +20,8 @@ impl Store {
     /// Compares the marks of the database and of the objects, creates missing ones, and raises the generation
     /// if they agree.
     ///
-    /// Error: [`StoreError::OtherStore`] if the store is shared, the objects belong to another store, and
+    /// # Errors
+    /// [`StoreError::OtherStore`] if the store is shared, the objects belong to another store, and
     /// `refuses_others`.
     pub(super) async fn compare_marks(&self, refuses_others: bool) -> Result<(), StoreError> {
         if self.damage().is_some() {

@@ -83,7 +83,8 @@ impl Commit {
     /// Adds an event; returns whether it is new. No channel is added to the asset before the end of the
     /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn add_maintenance(
         &mut self,
         asset: &AssetId,
@@ -105,7 +106,8 @@ impl Commit {
     /// Removes an event; returns whether it existed. No channel is added to the asset before the end of the
     /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {
         self.asset_to_change(asset).await?;
         let removed = sqlx::query("DELETE FROM maintenance_events WHERE asset_id = $1 AND id = $2")

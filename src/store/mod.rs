@@ -112,8 +112,9 @@ impl Store {
     /// Opens a data folder, which is created if it does not exist, or a shared store. Must be called inside a
     /// Tokio runtime.
     ///
-    /// Errors: the folder cannot be written or is used by another process; the database cannot be reached or
-    /// has a newer version; the objects belong to another store.
+    /// # Errors
+    /// The folder cannot be written or is used by another process; the database cannot be reached or has a
+    /// newer version; the objects belong to another store.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let store = Self::connect(settings).await?;
         store.compare_marks(true).await?;
@@ -274,7 +275,8 @@ impl Store {
 
     /// The connection of writers.
     ///
-    /// Error: [`StoreError::DatabaseDamaged`] if the database is known to be damaged.
+    /// # Errors
+    /// [`StoreError::DatabaseDamaged`] if the database is known to be damaged.
     fn write(&self) -> Result<&WatchedPool, StoreError> {
         self.check_whole()?;
         Ok(&self.inner.database.write)

@@ -92,7 +92,8 @@ impl Store {
     /// An asset and the other assets of its sensor, sorted by name: the owner of the sensor, and those that
     /// share it.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {
         let text = format!("SELECT * FROM assets WHERE id = $1 OR {OF_SENSOR} ORDER BY id");
         let rows = sqlx::query(&text).bind(id.as_str()).fetch_all(self.read()).await?;

@@ -128,7 +128,7 @@ fn a_dead_record_that_is_sent_again_is_stored() {
 #[track_caller]
 fn wait_until_held(worker: &Program, count: usize) {
     let began = std::time::Instant::now();
-    while worker.process.log().matches("failed to store a record, retrying").count() < count {
+    while worker.process.log().matches("failed to store a record; retrying").count() < count {
         assert!(began.elapsed() < Duration::from_secs(60), "the worker does not retry {count} records");
         std::thread::sleep(Duration::from_millis(50));
     }

@@ -26,7 +26,7 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 /// Maximum wait between two attempts where the server sends no `Retry-After`.
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
-/// A wait from which on its reason is printed.
+/// Shortest wait whose reason is printed.
 const NOTED_WAIT: Duration = Duration::from_secs(2);
 
 /// Maximum wait by `Retry-After`.

@@ -126,8 +126,8 @@ mod tests {
 
     #[test]
     fn a_refusal_has_the_detail_of_the_problem() {
-        let problem = r#"{"type":"about:blank","status":404,"detail":"there is no asset \"x\""}"#;
-        assert_eq!(refusal(404, problem), "the server answered 404: there is no asset \"x\"");
+        let problem = r#"{"type":"about:blank","status":404,"detail":"asset \"x\" not found"}"#;
+        assert_eq!(refusal(404, problem), "the server answered 404: asset \"x\" not found");
         assert_eq!(refusal(502, "Bad gateway\n"), "the server answered 502: Bad gateway");
     }
 }

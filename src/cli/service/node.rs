@@ -18,7 +18,7 @@ async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
     loop {
         match Store::open(&settings).await {
             Err(error) if error.is_unavailable() => {
-                tracing::warn!(%error, "failed to open the store, retrying");
+                tracing::warn!(%error, "failed to open the store; retrying");
                 tokio::time::sleep(Duration::from_secs(2)).await;
             }
             opened => return opened,
@@ -92,7 +92,7 @@ impl WorkerProcess {
         };
         if tokio::time::timeout(grace, end).await.is_err() {
             tracing::warn!(
-                "failed to finish all records within the grace period: other workers take them over"
+                "failed to finish all records within the grace period; other workers take them over"
             );
         }
     }

@@ -5,7 +5,7 @@ pub struct QueuedRecord {
     /// Identifier of the segment that it becomes: the hash of asset, channel, start time and raw bytes.
     #[prost(string, tag = "1")]
     pub segment_id: ::prost::alloc::string::String,
-    /// The asset's name, and when it was made: one of the same name that is made later is another.
+    /// The asset's name, and when it was created: that distinguishes it from a later asset of the same name.
     #[prost(string, tag = "2")]
     pub asset: ::prost::alloc::string::String,
     #[prost(int64, tag = "3")]
@@ -16,7 +16,7 @@ pub struct QueuedRecord {
     /// Time of the first sample.
     #[prost(int64, tag = "5")]
     pub start_time_ns: i64,
-    /// When the record was taken.
+    /// When the record was received.
     #[prost(int64, tag = "6")]
     pub received_at_ns: i64,
     /// Unit of the samples.
@@ -28,7 +28,7 @@ pub struct QueuedRecord {
     /// Torque on the driving shaft in newton metres, as given with the record.
     #[prost(double, optional, tag = "9")]
     pub torque_nm: ::core::option::Option<f64>,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     #[prost(double, optional, tag = "10")]
     pub reference_wear_um: ::core::option::Option<f64>,
     /// SHA-256 of the raw bytes in hexadecimal: the object's name.

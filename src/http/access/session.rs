@@ -95,7 +95,7 @@ pub(crate) async fn begin(
     let Some(Extension(caller)) = caller else {
         return Ok(Json(view).into_response());
     };
-    // the scheme as seen by the browser, even behind a proxy that terminates TLS
+    // The scheme as seen by the browser, even behind a proxy that terminates TLS
     let is_secure =
         headers.get(header::ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
     let cookie = cookie(&caller.presented, is_secure, "")

@@ -62,7 +62,7 @@ impl Tokens {
             return Ok(tokens);
         }
         let _turn = self.asking.lock().await;
-        // another request may have read them in the meantime
+        // Another request may have read them in the meantime
         if let Some(tokens) = self.cached()? {
             return Ok(tokens);
         }
@@ -74,7 +74,7 @@ impl Tokens {
             Ok(tokens) => {
                 let now = Instant::now();
                 let read = Known { tokens: tokens.clone(), version, read_at: now, tried_at: now };
-                // changes made in the meantime are read by the next request
+                // Changes made in the meantime are read by the next request
                 *known = (self.store.version()? == version).then_some(read);
                 Ok(tokens)
             }
@@ -82,7 +82,7 @@ impl Tokens {
                 Some(known)
                     if error.is_unavailable() && known.read_at.elapsed() < MAX_AGE_WITHOUT_DATABASE =>
                 {
-                    tracing::warn!(%error, "failed to read tokens: using cached ones");
+                    tracing::warn!(%error, "failed to read tokens; using cached ones");
                     known.tried_at = Instant::now();
                     Ok(known.tokens.clone())
                 }

@@ -162,7 +162,7 @@ pub(super) async fn show(
     NamePath(id): NamePath,
 ) -> Result<Json<AlarmWithHistory>, Problem> {
     let alarm = app.service.store.alarm(&id).await?;
-    let alarm = alarm.ok_or_else(|| Problem::not_found(format!("there is no alarm {id:?}")))?;
+    let alarm = alarm.ok_or_else(|| Problem::not_found(format!("alarm {id:?} not found")))?;
     whole(&app, alarm).await
 }
 

@@ -131,7 +131,7 @@ pub(crate) async fn list(
     delete,
     path = "/v1/assets/{asset}/maintenance/{event}",
     tag = "assets",
-    responses((status = 204, description = "Gone")),
+    responses((status = 204, description = "Deleted")),
 )]
 pub(crate) async fn remove(
     State(app): State<App>,

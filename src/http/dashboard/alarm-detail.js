@@ -109,7 +109,7 @@ export class AlarmDetail {
       return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
     }
     const alarm = await api.answer(api.alarm(id, signal));
-    // the entered comment stays: the error may be over at the next update
+    // The entered comment stays: the error may be over at the next update
     if (alarm instanceof Error)
       return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
     if (id !== this.#id) {
@@ -203,7 +203,7 @@ export class AlarmDetail {
         "good",
         `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
-      // the pressed button may be gone
+      // The pressed button may be gone
       if (activeElement instanceof HTMLElement && activeElement.hidden) this.#result.focus();
     } catch (error) {
       if (id === this.#id) this.#showStatus("bad", `Action failed: ${error.message}.`);

@@ -82,7 +82,7 @@ export class LevelHandles {
       const [low, high] = axis.range.map((end) => axis.r2d(end));
       handle.setAttribute("aria-valuemin", String(Math.min(low, high)));
       handle.setAttribute("aria-valuemax", String(Math.max(low, high)));
-      // a level beyond the axis is shown at its edge, so that it can be dragged into view
+      // A level beyond the axis is shown at its edge, so that it can be dragged into view
       this.#moveTo(handle, Math.min(axis._length, Math.max(0, axis.d2p(value))));
     }
   }

@@ -34,7 +34,7 @@ async function lookForStreams(id) {
     if (answer instanceof Error || answer.items.length === 0) streaming.delete(id);
     else streaming.add(id);
   } catch {
-    // the page itself reports the lost connection
+    // The page itself reports the lost connection
   }
   return streaming.has(id);
 }

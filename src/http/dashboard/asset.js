@@ -162,7 +162,7 @@ export class AssetPage {
   async #fetch(asset, latest, channel, signal) {
     const id = this.#query.segment ?? latest.segment_id;
     const panes = this.#trends.chosen();
-    // a record that was refused is not requested again on every update
+    // A record that was refused is not requested again on every update
     const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
     const record = known
       ? Promise.resolve(known.segment)

@@ -44,7 +44,7 @@ export class BaselineLines {
       for (const [n, x] of at.entries()) this.#known.set(name(x), items[n].change_db ?? null);
     } catch (error) {
       const isRefused = error instanceof api.ApiError;
-      // without a connection the lines are requested again when they are shown again
+      // Without a connection the lines are requested again when they are shown again
       for (const x of at) {
         if (isRefused) this.#known.set(name(x), null);
         else this.#known.delete(name(x));

@@ -95,7 +95,7 @@ export class BearingPanel {
   #offer(assets, chosen) {
     const own = ownBearings(assets);
     const kept = parseBearing(chosen);
-    // from a link whose asset has changed or is not on the bench
+    // From a link whose asset has changed or is not on the bench
     if (kept?.key.startsWith("o~") && !own.some(([value]) => value === chosen)) own.push([chosen, kept.name]);
     const options = JSON.stringify(own);
     if (options === this.#options) return;

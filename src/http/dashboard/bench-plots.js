@@ -101,12 +101,12 @@ export class BenchPlots {
       const drawing = draw(drawn, context);
       if (typeof drawing === "string") return drawing;
       const sub = `${drawing.sub}${motion}${missing.join("")}`;
-      // a waveform with many samples is an area that hides those behind it
+      // A waveform with many samples is an area that hides those behind it
       return key === "waveform" && drawn.length > 1
         ? { ...inLanes(drawing, drawn), sub }
         : { ...drawing, sub, traces: firstOnTop(drawing) };
     };
-    // the page overlays the cursor's lines on the plot; a picture contains them
+    // The page overlays the cursor's lines on the plot; a picture contains them
     const drawing = await card.show(
       (isPicture) => (isPicture ? withCursor(make(), cursor, end) : make()),
       `bench-${key}-${whole[0].name}`,
@@ -146,7 +146,7 @@ function layersOf(key, records, query) {
   const quantity = quantityOf(query);
   return records.map(({ panes, segment, colour, name }) => {
     const own = panes[key];
-    // by the axis of the data: data for a newly selected axis may still be loading
+    // By the axis of the data: data for a newly selected axis may still be loading
     const hertz = own.axis ? segment.shaft_speed?.shaft_speed_hz : undefined;
     const placed = hertz ? { ...own, hertz_per_unit: hertz } : own;
     const data = key === "spectrum" ? converted(placed, quantity, hertz ?? 1) : placed;

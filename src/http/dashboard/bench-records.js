@@ -21,7 +21,7 @@ export function saveBench(query) {
   try {
     sessionStorage.setItem(KEY, format({ page: "bench", query: { ...query, times: null } }));
   } catch {
-    // storage unavailable: the view is kept by the address alone
+    // Storage unavailable: the view is kept by the address alone
   }
 }
 

@@ -133,7 +133,7 @@ export class CursorChoice {
         { quiet: true },
       );
     const first = firstCursor(kind, this.#spectrum, { band: query[this.#part], zoom: "" });
-    // around the mesh line when the whole spectrum is shown: sidebands are too close together there
+    // Around the mesh line when the whole spectrum is shown: sidebands are too close together there
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft } = this.#spectrum;
     const near =
       kind === "s" && this.#part && !query[this.#part] && mesh && shaft

@@ -114,7 +114,7 @@ export class BenchPage {
     const asked = { ...query, show: benchPanes(query).join(",") || "none", zoom: undefined, near: undefined };
     const [first, ...others] = ids;
     const fetched = first ? [await this.#fetch(first, asked, signal, options)] : [];
-    // otherwise each record would select its own band and be drawn as another quantity
+    // Otherwise each record would select its own band and be drawn as another quantity
     const band = fetched[0]?.panes.envelope?.band_hz;
     fetched.push(
       ...(await Promise.all(others.map((id) => this.#fetch(id, asked, signal, { ...options, band })))),

@@ -20,7 +20,7 @@ export function cepstrumDrawing(layers, revision) {
     periods.push({ name: "driven shaft", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
   const shown = periods.filter(({ period }) => period <= x.at(-1));
   const places = shown.map(({ name, period }) => `${name} at ${number(period)} ms`);
-  // the lowest quefrencies describe the transmission path and would dwarf all others
+  // The lowest quefrencies describe the transmission path and would dwarf all others
   const from = shaft && teeth ? 1000 / (shaft * teeth[0] * 4) : x[0];
   const heights = layers.flatMap(({ data }) =>
     data.value.filter((_, index) => 1000 * data.quefrency_s[index] >= from),

@@ -21,7 +21,7 @@ function stacked(drawing, lanes, above = false) {
       ...layout.yaxis,
       domain: [Math.max(0, topOf(lane) - height), topOf(lane)],
       ...(lane && { matches: "y" }),
-      // the middle lane names the quantity of all
+      // The middle lane names the quantity of all
       ...(above && { nticks: 4, ...(lane !== (lanes.length - 1) >> 1 && { title: undefined }) }),
     },
   ]);

@@ -27,7 +27,7 @@ function parseCursor(text) {
 export function cursorOf(query, spectrum, parameter = "cursor") {
   if (query[parameter] !== "b") return parseCursor(query[parameter]);
   const bearing = parseBearing(query.bearing);
-  // over orders, a speed in Hz counts only where the speed of the record is known
+  // Over orders, a speed in Hz counts only where the speed of the record is known
   const hertz = spectrum.hertz_per_unit ?? (spectrum.axis ? NaN : 1);
   const speed = Number(query.speed) / hertz;
   const base = speed > 0 ? speed : spectrum.shaft_speed_hz;

@@ -31,7 +31,7 @@ export class CursorLayer {
     this.#onSet = onSet;
     this.#handles.base = this.#handle("base");
     this.#handles.spacing = this.#handle("spacing");
-    // below the plot: the lines would cover the peaks that they measure
+    // Below the plot: the lines would cover the peaks that they measure
     this.#ground = h("div", { class: "cursor-layer", hidden: true }, this.#lines);
     this.#layer = h(
       "div",
@@ -159,7 +159,7 @@ export class CursorLayer {
     const { format } = axisOf(spectrum);
     const amplitudes = shown.map(({ x, label }) => ({ x, label, amplitude: amplitudeAt(spectrum, x) }));
     const noisy = (line) => isInNoise(spectrum, line, spacingOf(this.#cursor));
-    // dragged beyond the fetched lines: the rest is fetched on release
+    // Dragged beyond the fetched lines: the rest is fetched on release
     const value = (amplitude) =>
       amplitudes.some((line) => line.amplitude === undefined)
         ? "…"

@@ -11,7 +11,7 @@ async function filesOf(entry) {
   if (entry.isFile) return [await answered((...ends) => entry.file(...ends))];
   const reader = entry.createReader();
   const inner = [];
-  // a reader gives at most a hundred entries at a time
+  // A reader gives at most a hundred entries at a time
   for (let next; (next = await answered((...ends) => reader.readEntries(...ends))).length;)
     inner.push(...next);
   inner.sort((a, b) => a.name.localeCompare(b.name));
@@ -20,7 +20,7 @@ async function filesOf(entry) {
 
 /** The dropped files and those in dropped folders. */
 async function filesIn(transfer) {
-  // entries are available only until the event ends
+  // Entries are available only until the event ends
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   if (!entries.some(({ isDirectory }) => isDirectory)) return [...transfer.files];
   return (await Promise.all(entries.map(filesOf))).flat();

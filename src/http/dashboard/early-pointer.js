@@ -18,10 +18,10 @@ export function noteEarly(element) {
   };
   const note = (event) => {
     if (!element.isConnected) return listen(false);
-    // a drag may end beside the element
+    // A drag may end beside the element
     if (!isPressed && !element.contains(event.target)) return;
     if (event.type !== "mousemove") isPressed = event.type === "mousedown";
-    // between presses only the last place counts
+    // Between presses only the last place counts
     if (event.type === "mousemove" && events.at(-1)?.type === "mousemove") events.pop();
     events.push(event);
   };

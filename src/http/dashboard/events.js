@@ -30,7 +30,7 @@ export class Events {
           onEvent: (event) => this.#take(event),
         });
       } catch {
-        // lost or refused: polling continues meanwhile
+        // Lost or refused: polling continues meanwhile
       }
       this.#set(false);
       await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));

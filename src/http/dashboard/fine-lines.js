@@ -187,7 +187,7 @@ async function linesOf(ask, step, [from, to]) {
   const amplitude = [];
   for (let low = first; low <= last; low += MAX_LINES) {
     const high = Math.min(last, low + MAX_LINES - 1);
-    // half a line more, so that rounding loses none
+    // Half a line more, so that rounding loses none
     const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MAX_LINES);
     amplitude.push(part.amplitude);
     if (part.amplitude.length < high - low + 1) break; // the spectrum ends here

@@ -32,7 +32,7 @@ export function grouped(assets, closedText) {
     .filter(Boolean)
     .map((text) => (text === NOWHERE ? "" : decodeURIComponent(text)));
   const places = Map.groupBy(assets, placeOf);
-  // in the order of their first assets, so that sorting by state puts the worst places on top
+  // In the order of their first assets, so that sorting by state puts the worst places on top
   return [...places].flatMap(([place, members]) => {
     const group = { place, members, open: !closed.includes(place), closed };
     return group.open ? [group, ...members] : [group];

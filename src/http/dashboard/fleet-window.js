@@ -94,7 +94,7 @@ export class RowWindow {
     const to = Math.min(count, this.#at(top + innerHeight) + 1 + BEYOND);
     const wanted = new Set();
     for (let index = from; index < to; index++) wanted.add(index);
-    // keep the focused row and its neighbours, wherever the page is scrolled to
+    // Keep the focused row and its neighbours, wherever the page is scrolled to
     const held = this.#body.contains(document.activeElement) ? document.activeElement : null;
     const focused = held ? this.#items.findIndex((item) => this.#draw(item, true)?.contains(held)) : -1;
     if (focused >= 0) {

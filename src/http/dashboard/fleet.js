@@ -107,7 +107,7 @@ export class FleetPage {
         COLUMNS.map((column) => this.#header(column)),
       ),
     );
-    // explicit roles, because the card layout on narrow screens drops the implicit ones
+    // Explicit roles, because the card layout on narrow screens drops the implicit ones
     this.#table = h(
       "table",
       { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) },

@@ -94,7 +94,7 @@ export function drawPair(element, geometry) {
   const [low, high] = [-left.tip, distance + right.tip];
   const tall = Math.max(left.tip, right.tip);
   const pad = 0.02 * (high - low);
-  // a tooth of the driving gear lies on the line of centres, opposite a gap of the driven gear
+  // A tooth of the driving gear lies on the line of centres, opposite a gap of the driven gear
   const turn = Math.PI + Math.PI / right.teeth;
   const bar = 10 ** Math.floor(Math.log10((high - low) / 3));
   const words = `Driving gear with ${left.teeth} teeth, driven gear with ${right.teeth}, centre distance ${number(distance, 5)} mm, drawn to scale`;

@@ -33,7 +33,7 @@ export class ImportBatch {
       const { at, ids } = JSON.parse(localStorage.getItem(this.#key) ?? "{}");
       if (at && Array.isArray(ids)) [this.since, this.#at, this.#ids] = [at, at, ids];
     } catch {
-      // no storage, or not ours: nothing can be undone
+      // No storage, or not ours: nothing can be undone
     }
   }
 
@@ -69,7 +69,7 @@ export class ImportBatch {
       if (ids.length === 0) localStorage.removeItem(this.#key);
       else localStorage.setItem(this.#key, JSON.stringify({ at: this.#at, ids }));
     } catch {
-      // no storage, or no space left in it: undo then lasts until the page is left
+      // No storage, or no space left in it: undo then lasts until the page is left
     }
   }
 }

@@ -149,7 +149,7 @@ export class ImportChannels {
     const { type, channels } = this.#seen;
     const isNamed = BLOCKS.includes(type) || type === "application/mcap";
     return channels.map(({ name }, n) => {
-      // a single channel without a name is the default channel in every file
+      // A single channel without a name is the default channel in every file
       const standing = isNamed ? name : channels.length > 1 ? String(name || n + 1) : "";
       return this.#fields[n]?.name.value.trim() || standing;
     });
@@ -162,7 +162,7 @@ export class ImportChannels {
       return {
         recorded,
         place,
-        // a column without a field keeps its heading
+        // A column without a field keeps its heading
         name: name ? name.value.trim() : recorded,
         unit: !own || own.disabled ? "" : own.value.trim(),
       };

@@ -72,7 +72,7 @@ export class ImportDesk {
       h("span", {}, "or select files:"),
       this.#file,
     );
-    // the page handles all drops; this area only marks where to drop
+    // The page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
     this.element = h(
@@ -102,7 +102,7 @@ export class ImportDesk {
 
   /** Lists files and inspects them one after the other. */
   async take(chosen) {
-    // a file that cannot be unpacked is shown as unsupported
+    // A file that cannot be unpacked is shown as unsupported
     const files = await Promise.all(chosen.map((file) => unpacked(file).catch(() => file)));
     const cards = files.map(
       (file) =>

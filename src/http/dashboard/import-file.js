@@ -310,7 +310,7 @@ export class ImportFile {
   /** The start as an ISO time; null when the file contains it or the field is empty. */
   start() {
     if (!this.#start) return null;
-    // a time column may be finer than the field
+    // A time column may be finer than the field
     return this.#typed ? this.#entered : this.seen.start.time;
   }
 

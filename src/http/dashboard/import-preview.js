@@ -72,7 +72,7 @@ export function csvParameters(rate, roles) {
   if (!roles) return { sample_rate_hz: rate };
   const placesOf = (role) => roles.flatMap((other, place) => (other === role ? [place + 1] : []));
   const [times, columns] = [placesOf("time"), placesOf("channel").join(",")];
-  // the service finds hour, minute, second and microsecond columns
+  // The service finds hour, minute, second and microsecond columns
   return { sample_rate_hz: rate, time_column: times.length > 1 ? undefined : (times[0] ?? 0), columns };
 }
 
@@ -132,7 +132,7 @@ async function ofMcap(file) {
     form: "MCAP",
     rate: first?.sample_rate_hz,
     words: summary ? null : "no summary at the end of the file; the service reads all of it",
-    // the start of a longer file may break off before the first record ends
+    // The start of a longer file may break off before the first record ends
     fault: file.size <= MCAP_BEGIN ? seen.fault?.replace(/^mcap: /, "") : null,
     note: first ? `records of ${number(first.samples / first.sample_rate_hz, 3)} s` : null,
   };

@@ -53,7 +53,7 @@ function withUnits(channels, unit) {
 
 /** The new names and units of an MCAP recording's channels; nothing when none was entered. */
 function renamed(channels, unit) {
-  // a name with a comma cannot be listed
+  // A name with a comma cannot be listed
   const known = channels.filter(({ recorded }) => recorded && !recorded.includes(","));
   if (!known.some((channel) => channel.name || channel.unit || unit)) return {};
   return {
@@ -131,7 +131,7 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
       );
     } catch (error) {
       if (n === 0) throw error;
-      // the records of the requests before are stored
+      // The records of the requests before are stored
       const part = `The part of ${file.name} ${parameters.unit ? `in ${parameters.unit}` : "without a unit"}`;
       return { ...all, kind: "part", words: [...all.words, ...refusalWords(part, error)] };
     }
@@ -139,7 +139,7 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
     if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
     all.words.push(...words(file, answer));
     const taken = (answer.segments ?? [answer]).map((segment) => segment.id ?? segment);
-    // for a single record of unknown start, the client cannot tell whether it is new
+    // For a single record of unknown start, the client cannot tell whether it is new
     if (before || answer.records !== undefined) all.segments.push(...taken.filter((id) => !before?.has(id)));
     all.listed =
       (all.listed ?? true) &&

@@ -50,7 +50,7 @@ export class KeyedRows {
     const elements = [...rows.values()].map(({ element }) => element);
     arrange(this.#parent, elements);
     if (!held) return;
-    // the focus of a removed row moves to the one in its place
+    // The focus of a removed row moves to the one in its place
     const row = rows.get(held.key)?.element ?? elements[Math.min(held.place, elements.length - 1)];
     const controls = row ? [...row.querySelectorAll(CONTROLS)] : [];
     const control = controls[Math.min(held.control, controls.length - 1)];

@@ -46,7 +46,7 @@ export class Live {
   #changed() {
     const isFirst = !this.#due;
     this.#due = true;
-    // further events do not postpone the update: with continuous events it would never run
+    // Further events do not postpone the update: with continuous events it would never run
     if (isFirst && !this.#busy && this.#failures === 0) this.#later(MIN_MS);
   }
 
@@ -119,7 +119,7 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
       ? `Connection lost since ${since}: ${error.message}.`
       : `Update failed: ${error.message}.`;
   setText(bannerText, updatedAt ? `${what} The data shown may be out of date.` : what);
-  // the countdown is hidden from screen readers: it changes every second
+  // The countdown is hidden from screen readers: it changes every second
   const wait = Math.ceil((retryAt - Date.now()) / 1000);
   setText(bannerWait, wait > 0 ? `Retrying in ${wait} s.` : "Retrying…");
 }

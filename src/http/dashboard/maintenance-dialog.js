@@ -108,7 +108,7 @@ export class MaintenanceDialog {
     storeName(by);
     this.#save.disabled = true;
     try {
-      // as text the time has no fraction of a second, and an hour of local time may occur twice
+      // As text the time has no fraction of a second, and an hour of local time may occur twice
       const { text, time: proposed } = this.#proposed;
       const time = this.#time.value === text ? proposed : instant(this.#time.value);
       await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });

@@ -74,7 +74,7 @@ export function binTraces(items, name, { bins, of }, colour) {
   return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, binColour(n, colour)))];
 }
 
-// the fifth series colour is the grey of records in no bin
+// The fifth series colour is the grey of records in no bin
 const binColour = (n, colour) =>
   [...colour.series.slice(0, 4), colour.reference, colour.danger, colour.warning, colour.ink][n % 8];
 

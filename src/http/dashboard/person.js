@@ -16,6 +16,6 @@ export function storeName(name) {
   try {
     localStorage.setItem(KEY, name);
   } catch {
-    // the name then has to be entered again
+    // The name then has to be entered again
   }
 }

@@ -63,7 +63,7 @@ export class PlotCard {
       this.frame,
       this.#notice,
     );
-    // whoever comes by keyboard may be on the way to a handle over the plot
+    // Whoever comes by keyboard may be on the way to a handle over the plot
     this.element.addEventListener("focusin", ({ target }) => {
       if (target instanceof Element && target.matches(":focus-visible")) activate(this.plot);
     });

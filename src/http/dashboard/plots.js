@@ -92,7 +92,7 @@ function byClock(traces, layout) {
   const write = (time) => (time === null || time === undefined ? time : onAxis(time));
   const shape = (each) => {
     if (!isTime(each.xref)) return each;
-    // a size in pixels is anchored at a time
+    // A size in pixels is anchored at a time
     if (each.xsizemode === "pixel") return { ...each, xanchor: write(each.xanchor) };
     return { ...each, x0: write(each.x0), x1: write(each.x1) };
   };
@@ -167,7 +167,7 @@ function themed(layout, colour) {
   };
 }
 
-// a picture has its title and legend beside it; the card exports it
+// A picture has its title and legend beside it; the card exports it
 const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
 const staticPlots = new Map(); // plots drawn without Plotly → their `[traces, layout]`
@@ -240,7 +240,7 @@ export async function draw(element, traces, layout, { rests = false } = {}) {
   staticPlots.delete(element);
   const Plotly = await load();
   if (!element.isConnected) return;
-  // on a touch screen the buttons would always cover the plot, and dragging is disabled
+  // On a touch screen the buttons would always cover the plot, and dragging is disabled
   const displayModeBar = matchMedia("(pointer: coarse)").matches ? false : "hover";
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   const shown = byClock(traces, layout);

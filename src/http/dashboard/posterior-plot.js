@@ -38,7 +38,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const inside = x
     .map((value, index) => ({ value, y: y[index] }))
     .filter(({ value }) => value >= low && value <= high);
-  // probability beyond the library's end is lumped there and would dwarf the rest
+  // Probability beyond the library's end is lumped there and would dwarf the rest
   const rest = Math.max(...y.slice(0, -1));
   const heaped = y.at(-1) > 3 * rest;
   const top = heaped ? 1.6 * rest : 1.2 * Math.max(...y);

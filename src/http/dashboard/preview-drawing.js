@@ -79,7 +79,7 @@ export class PairDrawing {
     this.#geometry = geometry;
     this.#state = state;
     this.#action = lineOfAction(geometry);
-    // the gears are the same at every position of the wear slider
+    // The gears are the same at every position of the wear slider
     const drawn = `${Boolean(flanks)} ${JSON.stringify(geometry)}`;
     if (drawn !== this.#drawn) setChildren(this.element, this.#whole(), this.#mesh(flanks));
     this.#drawn = drawn;
@@ -209,7 +209,7 @@ export class PairDrawing {
           role: "img",
           "aria-label": `Teeth in mesh to scale${flanks ? ", with the wear of the working flanks" : ""}`,
         },
-        // the line of centres is upright, so that teeth are side by side
+        // The line of centres is upright, so that teeth are side by side
         svg(
           "g",
           { transform: "matrix(0 -1 -1 0 0 0)" },

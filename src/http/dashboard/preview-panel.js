@@ -172,7 +172,7 @@ export class PreviewPanel {
         torque_nm: this.#value(this.#torque),
         shaft_speed_hz: this.#value(this.#speed),
       });
-    // another pair has other limits
+    // Another pair has other limits
     if (this.#limits && this.#limits.key !== pairKey(this.#gear)) {
       request.wear_um =
         (Number(this.#wear.input.value) / Number(this.#wear.input.max)) * this.#limits.maxOf(this.#gear);
@@ -195,7 +195,7 @@ export class PreviewPanel {
     if (!preview.model) {
       this.#preview = undefined;
       const words = own ? own.detail : "The preview appears once the gear pair is valid.";
-      // the sliders stay usable when one of them caused the error
+      // The sliders stay usable when one of them caused the error
       this.#showNotice(words);
       this.#wear.element.parentElement.inert = !own;
       if (preview.geometry && !own) this.#limits = undefined;

@@ -16,6 +16,6 @@ const WITHOUT_GEARS =
 export function angleAbsence(segment, asset) {
   if ([segment, asset].some((known) => known instanceof Error)) return null;
   if (!asset.gear) return segment.shaft_speed?.source === "tachometer" ? null : WITHOUT_GEARS;
-  // the indicators over the shaft's angle are missing for the same reason
+  // The indicators over the shaft's angle are missing for the same reason
   return CAUSES[segment.absent?.fm4] ?? null;
 }

@@ -116,13 +116,13 @@ export class RecordView {
       this.#bearing.element,
     );
     const shown = shownPanes(parse(location.hash).query);
-    // until the asset is known to have a gear pair, there is no posterior
+    // Until the asset is known to have a gear pair, there is no posterior
     for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key) || key === "posterior";
     this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
   }
 
   #toggle(key) {
-    // uses the address, not the drawing: another click may precede the answer to the first
+    // Uses the address, not the drawing: another click may precede the answer to the first
     const keys = shownPanes(parse(location.hash).query);
     const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
     change({ show: next.join(",") || "none" }, { quiet: true });

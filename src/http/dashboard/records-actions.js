@@ -99,7 +99,7 @@ export class RecordActions {
     const { channel, from, to } = all;
     const known = await api.recordCount(this.#id, { channel, from, to });
     if (!known.records) return { found: 0, parts: [] };
-    // a fixed end, so that records arriving meanwhile are not affected
+    // A fixed end, so that records arriving meanwhile are not affected
     const range = { channel, from: known.first_start_time, to: after(known.last_start_time) };
     return { found: known.records, parts: [range] };
   }

@@ -150,7 +150,7 @@ export class RecordsPage {
 
   #turn() {
     const { cursor } = this.#query;
-    // the page after the displayed one is already requested
+    // The page after the displayed one is already requested
     if (this.#asked !== this.#address(cursor)) return;
     const { next_cursor: next } = this.#shown;
     this.#places.set(this.#address(next), { before: this.#place(cursor).before + 1, back: cursor });
@@ -193,7 +193,7 @@ export class RecordsPage {
     ]);
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
     const asked = this.#address(cursor);
-    // further records may change only the count
+    // Further records may change only the count
     if (page === this.#shown && known === this.#known && asked === this.#asked) return;
     [this.#shown, this.#known, this.#asked] = [page, known, asked];
     this.#frame.update(assetName(asset), this.#query, asset);

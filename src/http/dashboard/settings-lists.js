@@ -200,7 +200,7 @@ export class SettingLists {
   }
 
   #ownChanged() {
-    // new rules start from those in force
+    // New rules start from those in force
     if (this.#own.checked && this.#rules.entries().length === 0) this.#rules.fill(this.#inForce);
     this.#show();
   }

@@ -39,7 +39,7 @@ export class SetupDraft {
     try {
       sessionStorage.setItem(KEY, JSON.stringify({ spec, values }));
     } catch {
-      // without storage a reload empties the form
+      // Without storage a reload empties the form
     }
   }
 
@@ -65,7 +65,7 @@ export class SetupDraft {
     try {
       sessionStorage.removeItem(KEY);
     } catch {
-      // nothing is kept
+      // Nothing is kept
     }
   }
 }

@@ -279,7 +279,7 @@ export class SetupInputs {
     if (own.length === 0) return false;
     const entries = this.#entriesWith(own, String(value));
     if (entries.length) own = entries;
-    // for two gears' values, the field with the refused value
+    // For two gears' values, the field with the refused value
     const typed = own.filter((made) =>
       [String(valueOf(made)), JSON.stringify(valueOf(made))].includes(String(value)),
     );

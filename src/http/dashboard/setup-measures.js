@@ -24,7 +24,7 @@ function shown({ quantity, value }) {
 
 /** Lists the measures of a geometry, impossible ones first. */
 export function showMeasures(element, measures) {
-  // equal values of both gears share a line
+  // Equal values of both gears share a line
   const rows = Object.keys(WORDS)
     .map((quantity) => {
       const own = measures.filter((measure) => measure.quantity === quantity);

@@ -111,7 +111,7 @@ export class SetupPage {
     this.#rules.fill({});
     this.#check(0);
     this.#name();
-    // before anything can be entered; the chosen preset once the presets are there
+    // Before anything can be entered; the chosen preset once the presets are there
     if (this.#isNew) this.#restore();
   }
 
@@ -234,7 +234,7 @@ export class SetupPage {
     const spec = this.#inputs.description(rest, this.#pair.shape);
     const { alarms, operating_bins: bins } = rest;
     this.#rules.put(spec);
-    // those of the JSON, unless the form has some
+    // Those of the JSON, unless the form has some
     if (alarms) spec.alarms ??= alarms;
     if (bins) spec.operating_bins ??= bins;
     return spec;

@@ -35,7 +35,7 @@ export class SpectrumAids {
       layers: others,
       cursors: others.map(({ data }) => cursorOf(query, data, this.#names.cursor) ?? cursor),
     };
-    // the spectrum marks the mesh lines itself
+    // The spectrum marks the mesh lines itself
     const marked = cursor || this.#names.cursor === "cursor" ? first?.data : null;
     this.table.show(marked, cursor, { sidebands: false, zoom: "" }, further);
   }

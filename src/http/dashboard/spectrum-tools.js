@@ -38,7 +38,7 @@ export function firstCursor(kind, spectrum, { band: part, zoom: near }) {
   const zoom = band ? null : near || (mesh ? "1" : null);
   const [from, to] = band ?? zoomRange(spectrum, zoom) ?? [0, end];
   const middle = (from + to) / 2;
-  // of several visible mesh lines the one nearest to the middle
+  // Of several visible mesh lines the one nearest to the middle
   const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
   const base = nearest > from && nearest < to ? nearest : middle;
   const spacing = Math.min(shaft ?? Infinity, (to - base) / 2);
@@ -83,7 +83,7 @@ export class SpectrumTools {
   }
 
   #place(kind) {
-    // uses the address, not the drawing: another choice may precede the answer to the first
+    // Uses the address, not the drawing: another choice may precede the answer to the first
     const { query } = parse(location.hash);
     const placed =
       kind === "b"

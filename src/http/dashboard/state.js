@@ -248,7 +248,7 @@ export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   const { prognosis } = wear ?? {};
   if (!prognosis) return null;
   const recorded = Date.parse(last);
-  // after an old record it is unknown whether the gear kept running, so the time counts from that record
+  // After an old record it is unknown whether the gear kept running, so the time counts from that record
   const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
   const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
   const words = (time) => (seconds(time) <= 0 && !aged ? "now" : span(Math.max(0, seconds(time))));

@@ -20,7 +20,7 @@ export const TICK = { length: 5, width: 1 };
 export function coordinate(type, value) {
   if (value === null || value === undefined) return NaN;
   if (type === "log") return value > 0 ? Math.log10(value) : NaN;
-  // the plot shows times as written
+  // The plot shows times as written
   if (type === "date") return typeof value === "number" ? value : Date.parse(value.replace(/Z?$/, "Z"));
   return Number(value);
 }
@@ -148,7 +148,7 @@ function fittedRange(extents, { rangemode }, length) {
   ];
   const toZero = rangemode === "tozero";
   if (low === high && !(toZero && low !== 0)) return toZero ? [0, 1] : [low - 1, high + 1];
-  // the two ends that need the most room
+  // The two ends that need the most room
   let best = { scale: 0, low, below: 0, high, above: 0 };
   const lows = toZero && low >= 0 ? [{ low: 0, below: 0 }] : extents;
   const highs = toZero && high <= 0 ? [{ high: 0, above: 0 }] : extents;
@@ -269,6 +269,6 @@ export function axesOf(curves, layout, frame, boxOf) {
     for (const side of ["l", "r", "t", "b"]) margin[side] = Math.round(margin[side]);
     return margin;
   };
-  // the ticks depend on the margins, and these on the ticks
+  // The ticks depend on the margins, and these on the ticks
   return place(room(place(room(place(layout.margin)))));
 }

@@ -242,7 +242,7 @@ export class StreamPage {
   }
 
   #take(frame) {
-    // the comparison record depends on the channel, whose name has just arrived
+    // The comparison record depends on the channel, whose name has just arrived
     if (!this.#frame && this.#query.compare === "1") document.dispatchEvent(new CustomEvent("recordschange"));
     this.#frame = frame;
     const before = this.#channel?.name;
@@ -275,7 +275,7 @@ export class StreamPage {
         .filter(({ at }) => at < now);
       this.#levels = [...recalled, ...this.#levels.filter(({ at }) => at >= now)];
     } catch {
-      // the trend then starts here
+      // The trend then starts here
     }
   }
 

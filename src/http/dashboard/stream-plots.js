@@ -61,7 +61,7 @@ export function scopeDrawing(frame, channel, range) {
 /** Mesh lines with labels at the top, where they cover no peak. */
 function meshMarks(spacing, end, colour) {
   const orders = Array.from({ length: HARMONICS }, (_, n) => n + 1).filter((order) => order * spacing <= end);
-  // only every n-th line is labelled when there is no space for all
+  // Only every n-th line is labelled when there is no space for all
   const step = Math.ceil((NAME_PX * end) / (spacing * 0.85 * Math.min(innerWidth, 1400)));
   const annotations = orders
     .filter((order) => order <= NAMED && (order - 1) % step === 0)
@@ -123,7 +123,7 @@ export function liveSpectrumDrawing(frame, channel, record, { inOrders, logarith
     : "";
   const none = shaft ? "" : "The shaft speed is unknown, so mesh lines are not marked. ";
   return {
-    // the record's line is drawn first, behind the stream's
+    // The record's line is drawn first, behind the stream's
     traces: compared ? [theirs, ours] : [ours],
     legend,
     sub: `${none}Hann window over ${number(frame.samples / frame.sample_rate_hz, 3)} s, lines every ${hertz(step)}, peaks preserved.${beside}`,

@@ -36,7 +36,7 @@ export function bindThemeButton(button) {
     try {
       localStorage.setItem(KEY, choice);
     } catch {
-      // the choice then lasts until the page is closed
+      // The choice then lasts until the page is closed
     }
     apply();
     label();

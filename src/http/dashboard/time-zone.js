@@ -85,7 +85,7 @@ export function fromAxis(text) {
 
 /** Writes the selected zone to the address. */
 function intoAddress(route) {
-  // an unknown address stays as it is
+  // An unknown address stays as it is
   if (!choice || route.page === "unknown" || route.query.times === choice) return route;
   const whole = { ...route, query: { ...route.query, times: choice } };
   history.replaceState(null, "", format(whole));
@@ -110,7 +110,7 @@ export function bindTimeChoice(select, onChange) {
     try {
       localStorage.setItem(KEY, choice);
     } catch {
-      // the choice then lasts as long as the address has it
+      // The choice then lasts as long as the address has it
     }
     intoAddress(parse(location.hash));
     onChange();

@@ -135,7 +135,7 @@ function levelLines(name, rules, unitName, suffix, colour, logarithmic) {
     })),
     annotations: levels.map(({ severity, side, level }) => ({
       ...place,
-      // the labels of two levels may be at the same height
+      // The labels of two levels may be at the same height
       ...(severity === "warning" ? { x: 0.005, xanchor: "left" } : { x: 0.995, xanchor: "right" }),
       yanchor: side === "above" ? "bottom" : "top",
       y: logarithmic ? Math.log10(level) : level,
@@ -190,7 +190,7 @@ export function trendDrawing(
       title: { text: axisTitle(pane, units) },
       nticks: panes.length > 3 ? 3 : 5,
       automargin: false,
-      // another scale or set of panes starts from its own range
+      // Another scale or set of panes starts from its own range
       uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
     };
     const shown = namesOf(pane, names);
@@ -211,7 +211,7 @@ export function trendDrawing(
       const levels = levelLines(shown[0], rules, units[shown[0]], suffix, colour, logarithmic);
       layout.shapes.push(...levels.shapes);
       annotations.push(...levels.annotations);
-      // shapes do not widen an axis, traces do; a level far above all values would flatten them
+      // Shapes do not widen an axis, traces do; a level far above all values would flatten them
       const greatest = Math.max(...items.map((item) => item[shown[0]] ?? 0));
       const near = levels.shapes
         .map(({ y0 }) => y0)
@@ -258,7 +258,7 @@ export function trendDrawing(
       if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
     });
   });
-  // points at the ends would widen the axis, which must match the wear plot above
+  // Points at the ends would widen the axis, which must match the wear plot above
   if (range ?? bins) layout.xaxis.range = range ?? [times[0], times.at(-1)];
   const happened = eventMarks(shownEvents, colour, items);
   layout.shapes.push(...happened.shapes);

@@ -77,7 +77,7 @@ export function turnDrawing(layers, revision) {
     );
   const [first, ...others] = layers.map(curves);
   return {
-    // both gears take the rows in which a pinned record would be compared
+    // Both gears take the rows in which a pinned record would be compared
     traces: isBoth ? [...others.flat(), ...first] : first,
     others: isBoth ? [] : others.flat(),
     isCompared: isBoth,

@@ -49,7 +49,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
       fillcolor: translucent(colour[name], OPACITY),
       line: { width: 0 },
     })),
-    // a zone's letter is beside its lower end
+    // A zone's letter is beside its lower end
     annotations: ZONES.map(([zone, name], index) => ({
       xref: "paper",
       x: 1.002,

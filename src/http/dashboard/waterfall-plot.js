@@ -4,7 +4,7 @@ import { clock, count, number, span, unit } from "./format.js";
 import { palette } from "./plots.js";
 import { written, zoneName } from "./time-zone.js";
 
-// dark to bright in even lightness steps, for any colour vision (after viridis)
+// Dark to bright in even lightness steps, for any colour vision (after viridis)
 /** @type {[number, string][]} */
 const SCALE = [
   [0, "#0d0a2b"],
@@ -134,7 +134,7 @@ export function waterfallDrawing(
     dy: 1,
     hoverinfo: "none",
   };
-  // an image has no colour bar; an empty trace provides it
+  // An image has no colour bar; an empty trace provides it
   const bar = {
     title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" },
     thickness: 14,
@@ -167,7 +167,7 @@ export function waterfallDrawing(
             line: { color: "#ffffff", width: 1.5, dash: "dot" },
           },
         ];
-  // only some labels are written where they would overlap
+  // Only some labels are written where they would overlap
   const width = matchMedia("(max-width: 40rem)").matches ? 200 : 800;
   const every = mesh ? Math.ceil(26 / ((mesh / position.at(-1)) * width)) : 1;
   const annotations = harmonics

@@ -113,7 +113,7 @@ export class WaterfallPage {
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
     this.#axis.value = axis ?? "";
-    // not while the user is typing: a change of the address would overwrite the input
+    // Not while the user is typing: a change of the address would overwrite the input
     if (document.activeElement !== this.#max) this.#max.value = max ?? "";
     if (answer instanceof Error) return this.#card.showNotice(answer.message);
     this.#shown = answer;

@@ -21,7 +21,7 @@ export class WearCard extends LevelPlot {
       : history.items.length === 0
         ? "This channel has no records yet."
         : withoutEstimate(history.items);
-    // without a pair there is no wear, as the header says
+    // Without a pair there is no wear, as the header says
     const isBare = !asset.gear?.pair && !failed && history.items.every((item) => item.median_um == null);
     this.element.hidden = isBare;
     if (isBare) return;

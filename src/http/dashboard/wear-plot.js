@@ -236,7 +236,7 @@ export function wearDrawing(history, limits, selected, revision, latest, allEven
   ];
   const unknown = items.filter((item) => item.median_um == null);
   if (unknown.length) {
-    // ticks below the depths: a record without an estimate does not mean zero wear
+    // Ticks below the depths: a record without an estimate does not mean zero wear
     traces.push({
       x: unknown.map((item) => item.start_time),
       y: unknown.map(() => 0.5),

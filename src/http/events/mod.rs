@@ -163,7 +163,7 @@ impl Follower {
     ) -> Self {
         let (latest, over) = events.subscribe();
         Self {
-            // without a position, the stream starts now
+            // Without a position, the stream starts now
             position: last.map_or_else(|| events.end_position(), |last| events.position(last)),
             events,
             asset,

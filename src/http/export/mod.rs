@@ -95,7 +95,7 @@ pub(super) async fn export(
     app.service.store.asset(&asset).await?;
     let _ticket = app.service.workers.admit_answer()?;
     match write_export(&app, &asset, &params, spectra, &app.uploads).await {
-        // stored data can be exported even if the disk of the data folder is full
+        // Stored data can be exported even if the disk of the data folder is full
         Err(problem) if problem.is_no_room() => {
             write_export(&app, &asset, &params, spectra, &std::env::temp_dir()).await
         }
@@ -149,7 +149,7 @@ async fn write_export(
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
-            // every k-th record of each channel, to approach the requested number
+            // Every k-th record of each channel, to approach the requested number
             let number = passed.entry(segment.channel.clone()).or_default();
             let is_chosen = spectra > 0 && number.is_multiple_of(records.div_ceil(spectra).max(1));
             *number += 1;
@@ -314,6 +314,6 @@ async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
             Err(error) => Some((Err(error), (file, spooled))),
         }
     });
-    // compression polls once more after the end
+    // Compression polls once more after the end
     Ok(Body::from_stream(pieces.fuse()))
 }

@@ -59,7 +59,7 @@ fn flat(value: &impl Serialize) -> BTreeMap<String, String> {
         }
     }
     let mut entries = BTreeMap::new();
-    // a structure of strings, numbers and maps always serialises
+    // A structure of strings, numbers and maps always serialises
     add("", &serde_json::to_value(value).unwrap_or_default(), &mut entries);
     entries
 }

@@ -75,7 +75,7 @@ async fn database(service: &Service) -> Option<String> {
 
 /// Why a record does not fit on this machine's disk.
 async fn free_space(service: &Service) -> Option<String> {
-    // a damaged database is not written to, and reported separately
+    // A damaged database is not written to, and reported separately
     if service.store.damage().is_some() {
         return None;
     }

@@ -174,7 +174,7 @@ pub(super) async fn state(
 
 pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     let unknown = || Problem::not_found(format!("library {id:?} not found"));
-    // the id becomes a file name
+    // The id becomes a file name
     if id.len() > MAX_ID_BYTES
         || !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
     {

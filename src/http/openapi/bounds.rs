@@ -10,7 +10,7 @@ const BOUNDS: &str = include_str!("bounds.json");
 
 /// Writes the rules into the description; returns the names for which nothing was found.
 pub(super) fn write_into(document: &mut Value) -> Vec<String> {
-    // a file of this program, read by a test
+    // A file of this program, read by a test
     let bounds: Value = serde_json::from_str(BOUNDS).unwrap_or_default();
     let named = &bounds["named"];
     let mut missing = Vec::new();

@@ -72,7 +72,7 @@ const WITH_FILE: &[(&str, &str)] = &[("507", "Insufficient storage")];
 
 /// The complete description as JSON.
 fn document(generated: &OpenApi) -> Value {
-    // a structure of strings, numbers and maps always serialises
+    // A structure of strings, numbers and maps always serialises
     let mut document = serde_json::to_value(generated).unwrap_or_default();
     document["info"] = json!({
         "title": "flankwatch",

@@ -72,7 +72,7 @@ impl VibrationPlan {
 
     pub(crate) fn simulate(&self, pair: &GearPair, cycle: &MeshCycle) -> Result<Vibration, GearError> {
         let mut record = simulate(pair, cycle, &self.settings)?;
-        // whole periods, so that lines need no window
+        // Whole periods, so that lines need no window
         record.resize(self.periods * SAMPLES_PER_PERIOD, 0.0);
         let shown = self.shown_samples();
         let acceleration_m_per_s2 = record[..shown].iter().map(|sample| *sample as f32).collect();
@@ -104,7 +104,7 @@ fn amplitudes(samples: &mut [f64]) -> Vec<f64> {
     let plan = f64::forward_plan(length);
     let mut bins = plan.make_output_vec();
     if let Err(error) = plan.process(samples, &mut bins) {
-        // the plan was made for this length
+        // The plan was made for this length
         tracing::error!(%error, "failed to transform a previewed vibration");
     }
     let scale = 2.0 / length as f64;

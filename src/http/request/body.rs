@@ -316,7 +316,7 @@ async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
         match frame {
             None => return Ok(None),
             Some(Ok(frame)) => {
-                // trailers are not used
+                // Trailers are not used
                 if let Ok(piece) = frame.into_data() {
                     return Ok(Some(piece));
                 }

@@ -115,7 +115,7 @@ pub(crate) async fn layer(request: Request, next: Next) -> Response {
     if parts.headers.contains_key(header::ETAG) {
         return Response::from_parts(parts, body);
     }
-    // such a response is already completely in memory
+    // Such a response is already completely in memory
     let Ok(bytes) = to_bytes(body, usize::MAX).await else {
         return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the response is incomplete").into_response();
     };

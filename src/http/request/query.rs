@@ -105,7 +105,7 @@ impl<S: Send + Sync> FromRequestParts<S> for AssetPath {
 
 /// Parses an asset's name in a path: no asset has an invalid one.
 pub(crate) fn asset_id(name: String) -> Result<AssetId, Problem> {
-    AssetId::new(name).map_err(|error| Problem::not_found(format!("asset not found: {error}")))
+    AssetId::new(name.as_str()).map_err(|_| Problem::not_found(format!("asset {name:?} not found")))
 }
 
 /// A segment's identifier in the path.

@@ -276,5 +276,5 @@ pub(super) async fn remove_range(
 /// Returns the segment, or a problem if it does not exist.
 pub(super) async fn find(app: &App, id: &SegmentId) -> Result<Segment, Problem> {
     let segment = app.service.store.segment(id).await?;
-    segment.ok_or_else(|| Problem::not_found(format!("segment {id} not found")))
+    segment.ok_or_else(|| Problem::not_found(format!("segment \"{id}\" not found")))
 }

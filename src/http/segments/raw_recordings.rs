@@ -57,11 +57,11 @@ fn pieces(app: App, segment: Segment, bytes: u64, share: Share) -> Body {
             return None;
         }
         let piece = app.service.records.raw_piece(&segment, bytes, offset).await;
-        // ends after an error
+        // Ends after an error
         let next = piece.as_ref().map_or(bytes, |piece| offset + piece.len() as u64);
         Some((piece, (app, segment, next, share)))
     });
-    // compression polls once more after the end
+    // Compression polls once more after the end
     Body::from_stream(pieces.fuse())
 }
 

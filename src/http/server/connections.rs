@@ -80,9 +80,9 @@ pub(crate) async fn serve(
     limits: Arc<HttpLimits>,
     mut stop: oneshot::Receiver<()>,
 ) {
-    // a single client leaves a quarter to the others
+    // A single client leaves a quarter to the others
     let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
-    // further connections are closed: one that waited would keep all later ones waiting
+    // Further connections are closed: one that waited would keep all later ones waiting
     let reserve = Shares::new(RESERVE, RESERVE_OF_ONE);
     // Every connection holds a receiver until it ends or becomes a WebSocket.
     let is_ending = watch::Sender::new(false);
@@ -164,7 +164,7 @@ async fn serve_connection(
     peer: Peer,
     mut ending: watch::Receiver<bool>,
 ) {
-    // a client that does not read the response loses its slot
+    // A client that does not read the response loses its slot
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
     let router = TowerToHyperService::new(router);
@@ -191,7 +191,7 @@ async fn serve_connection(
     let mut connection = std::pin::pin!(connection);
     let ended = tokio::select! {
         ended = &mut connection => ended,
-        // finishes the running request and accepts no other
+        // Finishes the running request and accepts no other
         () = async { drop(ending.wait_for(|is_ending| *is_ending).await) } => {
             connection.as_mut().graceful_shutdown();
             connection.await

@@ -258,7 +258,7 @@ impl RunningService {
         let end = async {
             self.service.replays.stop_all().await;
             let ended = (&mut server).await;
-            // work that continues after its client has disconnected
+            // Work that continues after its client has disconnected
             let _no_further_change = self.changes.write().await;
             while self.service.workers.queue().0 > 0 {
                 tokio::time::sleep(std::time::Duration::from_millis(5)).await;

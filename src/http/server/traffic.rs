@@ -67,7 +67,7 @@ pub(crate) async fn run_to_end(State(app): State<App>, request: Request, next: N
 
 /// Responds for a handler that panicked.
 pub(crate) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
-    // the panic message itself goes to standard error
+    // The panic message itself goes to standard error
     Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error; see the log").into_response()
 }
 

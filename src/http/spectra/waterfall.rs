@@ -241,7 +241,7 @@ fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
         }
         let cell = &amplitude[low..high.clamp(low + 1, last + 1)];
         let greatest = cell.iter().copied().fold(0.0, f64::max);
-        // one decimal is finer than any colour scale, and needs a third of the digits
+        // One decimal is finer than any colour scale, and needs a third of the digits
         ((20.0 * greatest.log10()).max(LOWEST_DB) * 10.0).round() as f32 / 10.0
     };
     (0..grid.cells).map(level).collect()

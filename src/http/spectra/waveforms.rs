@@ -99,7 +99,7 @@ pub(crate) async fn waveform(
         let rate_hz = record.sample_rate_hz();
         let converted = params.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
         let all = converted.as_deref().unwrap_or(record.samples());
-        // one more sample on either side, so that the curve reaches the edges of the view
+        // One more sample on either side, so that the curve reaches the edges of the view
         let low = ((from_s * rate_hz).floor() as usize).min(all.len());
         let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, all.len());
         let samples: Vec<f64> = all[low..high].iter().map(|sample| f64::from(*sample)).collect();

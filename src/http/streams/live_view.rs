@@ -116,7 +116,7 @@ fn event(update: &LiveUpdate) -> Event {
     match update {
         LiveUpdate::Frame(frame) => Event::default().event("frame").data(frame),
         LiveUpdate::Waiting(seconds) => {
-            // a structure of numbers and strings always serialises
+            // A structure of numbers and strings always serialises
             let waiting = serde_json::to_string(&LiveWaiting { seconds: *seconds }).unwrap_or_default();
             Event::default().event("waiting").data(waiting)
         }

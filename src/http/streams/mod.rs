@@ -204,7 +204,7 @@ pub(super) async fn connect(
     };
     let stream = match open(&app, &asset, &params, client).await {
         Ok(stream) => stream,
-        // the connection would stay idle while others need its place
+        // The connection would stay idle while others need its place
         Err(problem) => return Ok(closing(problem.into_response())),
     };
     let caller = caller.map(|Extension(caller)| caller);
@@ -275,7 +275,7 @@ pub(super) async fn send(
         let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
         let mut chunk: Chunk = sender.received_now(first, bytes);
         if params.start_time.is_some() {
-            // the sender's clock determines the time
+            // The sender's clock determines the time
             chunk.time_ns = start_time_ns.take();
         }
         gaps.extend(sender.take(vec![chunk]).await?.gaps);
@@ -296,7 +296,7 @@ async fn refresh(sender: &mut StreamSender) -> Result<(), ServiceError> {
         Err(error @ (ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamTaken)) => {
             Err(error)
         }
-        // the database may be back at the next check; the stream does not wait for it
+        // The database may be back at the next check; the stream does not wait for it
         _ => Ok(()),
     }
 }
@@ -325,7 +325,7 @@ impl BodyChunks {
                 }
             }
         }
-        // bytes that have already arrived cost no further write
+        // Bytes that have already arrived cost no further write
         while self.rest.len() < CHUNK_BYTES
             && let Some(piece) = self.source.next_now().await?
         {

@@ -130,14 +130,14 @@ impl Connection {
         let Err(closing) = self.serve(&mut socket).await else { return };
         tracing::debug!(code = closing.code, reason = closing.reason, "stream closed");
         let mut reason = closing.reason;
-        // the maximum that fits into the frame
+        // The maximum that fits into the frame
         while reason.len() > 123 {
             reason.pop();
         }
         let frame = CloseFrame { code: closing.code, reason: reason.into() };
         let farewell = async {
             let _ = socket.send(Message::Close(Some(frame))).await;
-            // wait for the client's answer, which shows that it has read the reason
+            // Wait for the client's answer, which shows that it has read the reason
             while let Some(Ok(message)) = socket.recv().await {
                 if matches!(message, Message::Close(_)) {
                     break;
@@ -208,7 +208,7 @@ impl Connection {
                     }
                 }
                 Message::Text(text) => {
-                    // samples received before a control message precede it
+                    // Samples received before a control message precede it
                     if !self.store(socket, std::mem::take(&mut chunks)).await? {
                         return Ok(false);
                     }
@@ -227,7 +227,7 @@ impl Connection {
             if ended.is_some() || bytes >= MAX_BATCH_BYTES {
                 break;
             }
-            // errors are reported again by the next call
+            // Errors are reported again by the next call
             if let Some(Some(Ok(message))) = socket.recv().now_or_never() {
                 next = Some(message);
             }
@@ -295,7 +295,7 @@ async fn send_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
 
 /// Sends a message; false if the connection has ended.
 async fn send_message(socket: &mut WebSocket, message: &ServerMessage) -> bool {
-    // a structure of numbers and names always serialises
+    // A structure of numbers and names always serialises
     let text = serde_json::to_string(message).unwrap_or_default();
     socket.send(Message::Text(text.into())).await.is_ok()
 }

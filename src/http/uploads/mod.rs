@@ -134,7 +134,7 @@ pub(super) async fn upload(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    // before reading the body, so that an upload to an unknown asset or a full queue costs nothing
+    // Before reading the body, so that an upload to an unknown asset or a full queue costs nothing
     app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
@@ -285,7 +285,7 @@ impl Upload<'_> {
 fn stored_in(answer: &Value) -> Vec<SegmentId> {
     let one = std::slice::from_ref(answer);
     let all = answer["segments"].as_array().map_or(one, Vec::as_slice);
-    // a queued record is not a segment yet
+    // A queued record is not a segment yet
     let stored = all.iter().filter(|segment| segment["state"] != "queued");
     let ids = stored.filter_map(|segment| segment.as_str().or(segment["id"].as_str()));
     ids.map(|id| SegmentId(id.to_owned())).collect()

@@ -80,7 +80,7 @@ pub(crate) async fn begin(
         length,
         expires_at: expiry(app).await?,
     };
-    // a single client leaves a quarter to the others
+    // A single client leaves a quarter to the others
     let max = app.limits.uploads_at_once;
     if app.service.store.begin_resumable(&new, max, max - max / 4).await? {
         find(app, &new.id).await
@@ -116,7 +116,7 @@ pub(crate) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
             return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written or processed"));
         }
         Err(error) if error.is_full() => {
-            // its pieces free disk space
+            // Its pieces free disk space
             app.service.uploads.remove(vec![id.to_owned()]).await?;
             app.service.store.give_up_resumable(id, waits, app.service.now()).await?;
         }
@@ -139,7 +139,7 @@ async fn watch(app: App) {
         if let Err(problem) = look.await {
             tracing::debug!(
                 problem = problem.detail(),
-                "failed to look for unprocessed uploads: retrying later"
+                "failed to look for unprocessed uploads; retrying later"
             );
         }
         tokio::time::sleep(POLL_INTERVAL).await;
@@ -164,7 +164,7 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
             store_piece(app, &mut upload, std::mem::take(&mut piece)).await?;
         }
     };
-    // the received part is kept even if the rest is lost
+    // The received part is kept even if the rest is lost
     if !piece.is_empty() {
         store_piece(app, &mut upload, piece).await?;
     }
@@ -220,7 +220,7 @@ async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
             tracing::warn!(
                 upload = upload.id,
                 problem = problem.detail(),
-                "failed to store the result of an upload: retrying"
+                "failed to store the result of an upload; retrying"
             );
             if app.service.store.is_closed() || !problem.may_pass() {
                 break;
@@ -247,7 +247,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
                 tracing::debug!(
                     upload = upload.id,
                     problem = problem.detail(),
-                    "failed to process an upload: retrying later"
+                    "failed to process an upload; retrying later"
                 );
                 app.reading_waits.set(&upload.id, Some(problem.detail()));
                 wait = if problem.is_busy() { RETRY_AFTER } else { wait };

@@ -69,7 +69,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
 
 fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
     let mut response = status.into_response();
-    // date format of RFC 9110, as the protocol requires
+    // Date format of RFC 9110, as the protocol requires
     let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
     let fields = [(OFFSET, upload.offset.to_string()), (EXPIRES, expires)];
     for (name, value) in fields.iter().chain(more) {

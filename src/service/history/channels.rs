@@ -11,8 +11,8 @@ use crate::store::{Asset, ChannelSummary};
 /// Number of channels up to which each keeps its recent states; with more, each keeps its newest state only.
 const MAX_WITH_RECENT: usize = 512;
 
-/// Number of channels from which on the slots that are not in use are dropped; their data is read again when
-/// needed. A state that tracks wear has some 0.1 MB.
+/// Maximum number of cached channels; above it, unused ones are dropped. A state that tracks wear takes about
+/// 0.1 MB.
 const MAX_CACHED: usize = 4096;
 
 /// The revisions of a channel and its asset in the store. Data read at these revisions is valid as long as

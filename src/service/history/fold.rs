@@ -259,7 +259,7 @@ pub(crate) fn read_point(channel: &ChannelSummary, stored: FoldState) -> Option<
 
 /// The estimate of a record that arrives while the history before it is being recomputed.
 pub(crate) fn while_recomputing(need: u32) -> RunResult {
-    let reason = "the earlier records are being recomputed, the wear estimate follows".to_owned();
+    let reason = "earlier records are being recomputed; the wear estimate will follow".to_owned();
     let baseline = BaselineProgress { have: 0, need };
     let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline);
     RunResult { indicators: Indicators::default(), wear }

@@ -19,7 +19,8 @@ impl History {
     /// order of time; empty without an inspection. They are computed on demand; the stored estimates stay as
     /// they are.
     ///
-    /// Error: [`ServiceError::TooManyRecords`].
+    /// # Errors
+    /// [`ServiceError::TooManyRecords`].
     pub async fn in_hindsight(
         &self,
         channel: &ChannelSummary,

@@ -130,7 +130,7 @@ impl History {
                     Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset, RETRY_AFTER),
                     Err(error) => match retry_after(&error) {
                         Some(time) => {
-                            tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
+                            tracing::warn!(%asset, %error, "failed to recompute a history; retrying later");
                             history.retry_later(asset, time);
                         }
                         None => tracing::warn!(%asset, %error, "failed to recompute a history"),

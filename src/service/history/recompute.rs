@@ -167,7 +167,7 @@ impl Recomputer {
                 }
                 Err(error) => {
                     if let Err(again) = self.abandon(&channel, wear, &error).await {
-                        tracing::debug!(%asset, channel = name, error = %again, "failed to remove an abandoned generation: retrying later");
+                        tracing::debug!(%asset, channel = name, error = %again, "failed to remove an abandoned generation; retrying later");
                     }
                     return Err(error);
                 }
@@ -326,7 +326,7 @@ impl Recomputer {
         match self.analyse_raw(spec, &segment).await {
             Ok(analysed) => Ok((segment.id, analysed, true)),
             Err(error) if error.is_record_lost() => {
-                tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record: keeping its results");
+                tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record; keeping its results");
                 Ok((segment.id, segment.analysed, false))
             }
             // The raw bytes may be read later: old results would be taken for the only ones possible.

@@ -133,7 +133,7 @@ impl Committer {
                 waiting.iter().map(|_| Err(STORE_UNAVAILABLE)).collect()
             }
             Err(error) => {
-                tracing::debug!(%error, jobs = waiting.len(), "failed to commit records together: committing each request separately");
+                tracing::debug!(%error, jobs = waiting.len(), "failed to commit records together; committing each request separately");
                 let mut outcomes = Vec::with_capacity(waiting.len());
                 for job in &waiting {
                     // One timeout is enough.
@@ -171,7 +171,7 @@ impl Committer {
             match outcome {
                 Err(ServiceError::Store(error)) if error.is_conflict() && tries < MAX_RETRIES => {
                     tries += 1;
-                    tracing::debug!(%error, tries, "conflict with another process: retrying the commit");
+                    tracing::debug!(%error, tries, "conflict with another process; retrying the commit");
                     tokio::time::sleep(Duration::from_millis(u64::from(5 * tries))).await;
                 }
                 outcome => return outcome,

@@ -8,7 +8,7 @@
 //!
 //! | step | source |
 //! | --- | --- |
-//! | decode | `record/decode.rs`; records of a recording are decoded by `read_ahead.rs` |
+//! | decode | `record/decode.rs`; for recordings `recording::McapReader` and `recording::RecordingFile` |
 //! | identify, and find repeated records | `record/identify.rs` |
 //! | store raw | `raw/objects.rs` |
 //! | analyse | `record/analyse.rs` |
@@ -16,8 +16,31 @@
 //! | commit | `commit.rs` |
 //! | announce | `events.rs`, called by the commit once everything is durable |
 //!
-//! On an API node the pipeline ends with the work queue after the raw bytes are stored; a worker continues
-//! with the analysis.
+//! `read_ahead.rs` runs the readers of recordings on a thread of their own, and passes on batches of records.
+//!
+//! The calls for the record of an upload, in their order:
+//!
+//! ```text
+//! Pipeline::accept                       as a task that outlives the request
+//!  Pipeline::take_upload                 reads SensorGroup and ChannelUnits; decodes and identifies
+//!   Pipeline::begin                      omits records that are stored already (known_to_all)
+//!    Pipeline::analyse                   analyse_all while RawObjects::put stores the raw bytes
+//!   Pipeline::finish                     counts the outcomes
+//!    Pipeline::commit                    commits, then ends the protection of the raw bytes
+//!     Pipeline::commit_segments          analyses again if the description has changed
+//!      Committer::commit                 waits for its turn, then commits for all that wait
+//!       Committer::commit_jobs           if all fail together, commits each job separately
+//!        Committer::commit_with_retries  commits again after a conflict with another process
+//!         Committer::commit_together     locks the channels and opens the transaction
+//!          History::append               folds the records into their channel
+//!          Committer::write              writes the rows and ends the transaction
+//!           History::committed           updates the channel in memory
+//!          Announcer::announce_segment   sends the event
+//!     Pipeline::analyse_for_group        the same for the other assets of the sensor
+//! ```
+//!
+//! On an API node `begin` stores the raw bytes and `finish` puts the record into the work queue. On a worker,
+//! `process` continues with the analysis.
 
 mod commit;
 mod read_ahead;
@@ -178,8 +201,9 @@ impl Pipeline {
     /// Processes a queued record from the analysis on; returns `None` if its asset was deleted. A repeated
     /// record changes nothing.
     ///
-    /// Errors: those of the store, which may be temporary; permanent ones if the raw bytes are damaged or are
-    /// not those of the queued record.
+    /// # Errors
+    /// Those of the store, which may be temporary; permanent ones if the raw bytes are damaged or are not
+    /// those of the queued record.
     pub async fn process(
         self: &Arc<Self>,
         record: &QueuedRecord,

@@ -87,7 +87,7 @@ impl RawObjects {
         let repair = move || {
             kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_object_error()));
             for (object, _) in &kept {
-                tracing::warn!(object, "a raw object was lost or damaged and was received again: storing it");
+                tracing::warn!(object, "a raw object was lost or damaged and was received again; storing it");
             }
             store.objects().put_all(&kept, &[])
         };
@@ -386,9 +386,9 @@ impl RawObjects {
     }
 }
 
-/// The age from which on an unreferenced object may be removed. Objects of accepted records that wait for
-/// their results are younger. Ages are by the clock of the object store, because the clock of a process may
-/// be wrong.
+/// The minimum age of an unreferenced object before it may be removed. Objects of accepted records that wait
+/// for their results are younger. Ages are by the clock of the object store, because the clock of a process
+/// may be wrong.
 #[derive(Debug, Clone, Copy)]
 struct Age {
     now: Timestamp,

@@ -51,7 +51,8 @@ impl ChannelUnits {
     /// Converts a record to the unit of its channel. Also returns its original unit if the sample values
     /// changed.
     ///
-    /// Error: its unit cannot be converted to that of its channel.
+    /// # Errors
+    /// Its unit cannot be converted to that of its channel.
     pub(crate) fn convert(&self, record: Record) -> Result<(Record, Option<String>), ServiceError> {
         let unit = self.by_channel.get(record.channel()).or(self.others.as_ref());
         let Some(unit) = unit.filter(|unit| *unit != record.unit()) else {

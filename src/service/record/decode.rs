@@ -285,8 +285,7 @@ pub(crate) fn decode_upload(
     Ok(records)
 }
 
-/// Checks pulses that are received. Stored ones from earlier versions may be invalid; the analysis then
-/// leaves them out.
+/// Checks the pulses of an upload.
 fn check_pulses(tachometer: &Tachometer) -> Result<(), ServiceError> {
     let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
     let times = &tachometer.pulse_times_s;

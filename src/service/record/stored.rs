@@ -121,7 +121,8 @@ impl StoredRecords {
 
     /// Checks the raw bytes of a segment against their hash; returns their number.
     ///
-    /// Error: [`ServiceError::RawDeleted`].
+    /// # Errors
+    /// [`ServiceError::RawDeleted`].
     pub async fn check_raw(&self, segment: &Segment) -> Result<u64, ServiceError> {
         let (store, name) = (self.store.clone(), segment.raw.sha256.clone());
         let checked = blocking("read a record", move || store.objects().check(&name)).await?;
@@ -138,7 +139,8 @@ impl StoredRecords {
     /// Reads the record of a segment from its raw bytes, checked against their hash. Waits until there is
     /// memory for it.
     ///
-    /// Error: [`ServiceError::RawDeleted`].
+    /// # Errors
+    /// [`ServiceError::RawDeleted`].
     pub async fn recall(&self, segment: &Segment) -> Result<RecalledRecord, ServiceError> {
         let memory = self.workers.memory_for_stored(memory_of(segment)).await?;
         let (store, name) = (self.store.clone(), segment.raw.sha256.clone());

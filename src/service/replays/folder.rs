@@ -76,7 +76,8 @@ pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
 
 /// Resolves the path of a recording inside the folder.
 ///
-/// Errors: an absolute path, `..`, a symbolic link out of the folder, or anything but a file.
+/// # Errors
+/// An absolute path, `..`, a symbolic link out of the folder, or anything but a file.
 pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
     let refuse = |reason| ServiceError::ReplayFile { file: file.to_string(), reason };
     let relative = Path::new(file);

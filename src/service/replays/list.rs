@@ -125,7 +125,8 @@ impl ReplayList {
 
     /// A replay, and the sender that stops it.
     ///
-    /// Error: [`ServiceError::ReplayUnknown`].
+    /// # Errors
+    /// [`ServiceError::ReplayUnknown`].
     pub(crate) fn get(&self, id: &str) -> Result<(Arc<Replay>, watch::Sender<bool>), ServiceError> {
         let number: Option<u64> = id.parse().ok();
         let found = number.and_then(|number| self.lock().by_number.get(&number).cloned());

@@ -65,7 +65,8 @@ impl Replays {
 
     /// The recordings that may be replayed, the latest first; an API node has none.
     ///
-    /// Errors: [`ServiceError::WorkerLost`].
+    /// # Errors
+    /// [`ServiceError::WorkerLost`].
     pub async fn files(&self) -> Result<Vec<ReplayFile>, ServiceError> {
         if self.role.is_api_node() {
             return Ok(Vec::new());
@@ -76,8 +77,9 @@ impl Replays {
 
     /// Starts a replay.
     ///
-    /// Errors: the asset does not exist, the file is outside the replay folder, too many recordings are being
-    /// read, or this is an API node, which has no replay folder.
+    /// # Errors
+    /// The asset does not exist, the file is outside the replay folder, too many recordings are being read,
+    /// or this is an API node, which has no replay folder.
     pub async fn start(&self, request: ReplayRequest) -> Result<Arc<Replay>, ServiceError> {
         if self.role.is_api_node() {
             return Err(ServiceError::ReplayFile {
@@ -179,7 +181,8 @@ impl Replays {
 
     /// A replay.
     ///
-    /// Error: [`ServiceError::ReplayUnknown`].
+    /// # Errors
+    /// [`ServiceError::ReplayUnknown`].
     pub fn get(&self, id: &str) -> Result<Arc<Replay>, ServiceError> {
         Ok(self.list.get(id)?.0)
     }

@@ -44,7 +44,7 @@ impl Failures {
             fs::write(self.path(library), bytes)
         });
         if let Err(error) = written {
-            tracing::warn!(library, %error, "failed to store the failure of a simulation: the next start repeats the simulation");
+            tracing::warn!(library, %error, "failed to store the failure of a simulation; the next start repeats the simulation");
         }
     }
 
@@ -52,7 +52,7 @@ impl Failures {
     pub(super) fn remove(&self, library: &str) {
         match fs::remove_file(self.path(library)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                tracing::warn!(library, %error, "failed to remove the failure of a simulation: the simulation is not repeated");
+                tracing::warn!(library, %error, "failed to remove the failure of a simulation; the simulation is not repeated");
             }
             _ => {}
         }

@@ -83,7 +83,7 @@ impl LibrarySource {
     fn cache_ensemble(&self, ensemble: &Ensemble) {
         if let Err(error) = self.cache.put_ensemble(ensemble) {
             let id = ensemble.id();
-            tracing::warn!(ensemble = id, %error, "failed to cache an ensemble: the next start simulates it again");
+            tracing::warn!(ensemble = id, %error, "failed to cache an ensemble; the next start simulates it again");
         }
     }
 
@@ -116,7 +116,7 @@ impl LibrarySource {
             Ok(None) => {}
             Ok(kept) => return kept,
             Err(error) => {
-                tracing::warn!(library = library.id(), %error, "failed to read a cached ensemble: simulating it again");
+                tracing::warn!(library = library.id(), %error, "failed to read a cached ensemble; simulating it again");
             }
         }
         let id = ensemble_id(library.id(), settings);
@@ -218,7 +218,7 @@ impl Shared {
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {
-            tracing::warn!(%error, "failed to release the right to build a library: it expires after a minute");
+            tracing::warn!(%error, "failed to release the right to build a library; it expires after a minute");
         }
         let library = built?;
         let bytes = encode(&library);
@@ -239,7 +239,7 @@ impl Shared {
             Ok(library) if library.id() == id && has_inputs(&library, pair, grid) => Ok(Some(library)),
             Ok(_) => Ok(None),
             Err(error) => {
-                tracing::warn!(library = id, %error, "failed to decode a shared library: building it again");
+                tracing::warn!(library = id, %error, "failed to decode a shared library; building it again");
                 Ok(None)
             }
         }
@@ -253,7 +253,7 @@ impl Shared {
     }
 
     fn wait_for_store(&self, error: &StoreError) {
-        tracing::warn!(%error, "failed to access the store for a library: retrying");
+        tracing::warn!(%error, "failed to access the store for a library; retrying");
         std::thread::sleep(RETRY_INTERVAL);
     }
 }

@@ -46,8 +46,9 @@ impl CampaignStatus {
 impl Streams {
     /// Starts a campaign of this many seconds from now on, or sets the end of the running one to then.
     ///
-    /// Errors: [`ServiceError::StreamUnknown`], also if the stream has no sample yet; the asset's records are
-    /// too large.
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`], also if the stream has no sample yet; the asset's records are too
+    /// large.
     pub async fn begin_campaign(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -70,7 +71,8 @@ impl Streams {
 
     /// Ends the running campaign, if there is one.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn end_campaign(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<(), ServiceError> {
         let spec = self.store.asset(asset).await?.spec;
         let ended = self.of_stream(asset, name, move |_, stored| {

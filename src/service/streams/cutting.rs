@@ -41,7 +41,8 @@ pub(super) enum Decision {
 impl Cutting {
     /// The rules of an asset's description.
     ///
-    /// Error: a record would be too long or too large.
+    /// # Errors
+    /// A record would be too long or too large.
     pub(crate) fn of(spec: &AssetSpec, format: &StreamFormat) -> Result<Self, RecordingError> {
         let clocked = CutPolicy::new(spec.stream.record_s, spec.stream.interval_s, format.sample_rate_hz())?;
         check_bytes(clocked.record_frames(), format)?;
@@ -95,7 +96,7 @@ impl Cutting {
             && self.bin_of(began) == self.bin_of(point)
     }
 
-    /// Skips frames with which no record can start any more, so that they need not be kept.
+    /// Skips frames at which no further record can start, so that they need not be kept.
     pub(super) fn pass_over(&self, cutter: &mut StreamCutter) {
         if self.steady.is_some() {
             // A record is cut as soon as it is complete.

@@ -120,7 +120,8 @@ impl LiveFeed {
 impl Streams {
     /// Adds a viewer to a stream.
     ///
-    /// Errors: the asset does not exist; [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// The asset does not exist; [`ServiceError::StreamUnknown`].
     pub async fn watch(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<StreamViewer, ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name).await?;
@@ -200,7 +201,7 @@ impl FrameProducer {
                 // It may succeed the next time.
                 Err(error) => {
                     let (asset, name) = (&self.stream.asset, &self.stream.name);
-                    tracing::debug!(%asset, name, %error, "failed to produce a frame of a live view: retrying");
+                    tracing::debug!(%asset, name, %error, "failed to produce a frame of a live view; retrying");
                     self.wait();
                 }
             }

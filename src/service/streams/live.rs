@@ -210,7 +210,10 @@ impl LiveStream {
         })
     }
 
-    /// Creates the stream; error: another process has done so in the meantime.
+    /// Creates the stream.
+    ///
+    /// # Errors
+    /// Another process has created it in the meantime, or the asset has too many streams.
     fn create(&self, beginning: Beginning, owner: u64) -> Result<StoredStream, ServiceError> {
         // Others may have begun since this one was opened.
         if !self.place.has_room() {

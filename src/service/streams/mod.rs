@@ -57,7 +57,7 @@ pub(crate) use tachometer::Pulses;
 /// Time for the database to end what it is doing with streams when the service ends.
 const CLOSING: Duration = Duration::from_secs(2);
 
-/// Number of records of a stream waiting for the pipeline from which on the sender has to wait.
+/// Maximum number of records of a stream that wait for the pipeline; then the sender waits.
 const MAX_PENDING: usize = 4;
 
 /// The live streams of a service.
@@ -136,8 +136,9 @@ impl Streams {
     /// previous sender is notified that it has been replaced. `first` is the index at which a new stream starts;
     /// by default that of its first sample.
     ///
-    /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
-    /// large; the asset has too many streams; the stream may be that of an asset which the database has lost.
+    /// # Errors
+    /// The asset has no sensor of its own; the stream has another format; a record of it would be too large;
+    /// the asset has too many streams; the stream may be that of an asset which the database has lost.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -204,14 +205,16 @@ impl Streams {
 
     /// The status of a stream.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
         self.of_stream(asset, name, |stream, stored| status(stream, stored)).await
     }
 
     /// The levels of each second of a stream from one time to another.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn levels(
         &self,
         asset: &AssetId,
@@ -224,7 +227,8 @@ impl Streams {
 
     /// Makes a record of the last seconds of a stream; returns its start time and its number of samples.
     ///
-    /// Errors: [`ServiceError::StreamUnknown`], also if the stream has no sample.
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`], also if the stream has no sample.
     pub async fn keep_last(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -251,7 +255,8 @@ impl Streams {
 
     /// Removes a stream with its samples that are not part of a stored record.
     ///
-    /// Error: [`ServiceError::StreamUnknown`].
+    /// # Errors
+    /// [`ServiceError::StreamUnknown`].
     pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name).await?;
@@ -317,7 +322,7 @@ impl Streams {
                 self.release_cutting().await;
             };
             if tokio::time::timeout(CLOSING, close).await.is_err() {
-                tracing::warn!("failed to release the live streams in time: another process takes them over");
+                tracing::warn!("failed to release the live streams in time; another process takes them over");
             }
         } else if let Err(error) = close.await {
             tracing::error!(%error, "failed to close the live streams");

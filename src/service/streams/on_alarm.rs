@@ -76,9 +76,9 @@ impl Streams {
                 let news = match event {
                     Ok(LiveEvent::AlarmChanged(notice)) if raised.is_news(&notice) => vec![*notice],
                     Ok(LiveEvent::Lost(count)) | Err(RecvError::Lagged(count)) => {
-                        tracing::warn!(count, "lost notices of alarms: reading the open alarms instead");
+                        tracing::warn!(count, "lost notices of alarms; reading the open alarms instead");
                         let open = streams.open_alarms().await.inspect_err(
-                            |error| tracing::warn!(%error, "failed to read the open alarms: samples around them may not be captured"),
+                            |error| tracing::warn!(%error, "failed to read the open alarms; samples around them may not be captured"),
                         );
                         open.map_or_else(|_| Vec::new(), |open| raised.news_among(open))
                     }

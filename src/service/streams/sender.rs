@@ -55,8 +55,9 @@ impl StreamSender {
     /// Stores chunks; returns once they are durable. Waits while too many records of the stream wait for the
     /// pipeline, which slows down the sender.
     ///
-    /// Errors: [`ServiceError::StreamTaken`]; an invalid chunk, in which case the chunks before it are
-    /// stored; the first time of the stream is too far ahead of the clock.
+    /// # Errors
+    /// [`ServiceError::StreamTaken`]; an invalid chunk, in which case the chunks before it are stored; the
+    /// first time of the stream is too far ahead of the clock.
     pub async fn take(&mut self, mut chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
         if let Some(beginning) = &self.beginning {
             chunks.retain(|chunk| !chunk.bytes.is_empty());
@@ -80,7 +81,8 @@ impl StreamSender {
 
     /// Declares that no more samples before an index will arrive.
     ///
-    /// Errors: as those of [`take`](Self::take).
+    /// # Errors
+    /// Those of [`take`](Self::take).
     pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
         if let Some(beginning) = &self.beginning {
             beginning.assembler().declare_lost_before(index)?;
@@ -91,7 +93,8 @@ impl StreamSender {
 
     /// Sets the operating point of the machine from now on; a speed of 0 is a standstill.
     ///
-    /// Errors: a value that no record can have; those of [`take`](Self::take).
+    /// # Errors
+    /// A value that no record can have; those of [`take`](Self::take).
     pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
         let turning_hz = point.shaft_speed_hz.filter(|speed_hz| *speed_hz != 0.0);
         let turning = OperatingPoint { shaft_speed_hz: turning_hz, ..point };
@@ -102,7 +105,8 @@ impl StreamSender {
 
     /// Stores tachometer pulses among future samples; pulses among samples already received are dropped.
     ///
-    /// Errors: as those of [`take`](Self::take).
+    /// # Errors
+    /// Those of [`take`](Self::take).
     pub(crate) async fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
         self.write(move |stored| stored.take_pulses(pulses)).await
     }
@@ -116,7 +120,8 @@ impl StreamSender {
     /// Updates the cutting of records to the asset's current description, and the stream to what other
     /// processes did with it.
     ///
-    /// Errors: the asset is deleted; [`ServiceError::StreamTaken`].
+    /// # Errors
+    /// The asset is deleted; [`ServiceError::StreamTaken`].
     pub async fn refresh(&mut self) -> Result<(), ServiceError> {
         let described = self.streams.store.asset(&self.stream.asset).await?;
         if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {

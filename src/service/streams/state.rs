@@ -100,7 +100,7 @@ pub(super) enum Note {
     CaptureEnd,
     /// In a shared store: another connection sends the stream from now on.
     Sender(u64),
-    /// In a shared store: no record starts before this index any more.
+    /// In a shared store: no further record starts before this index.
     Skipped(u64),
     /// The alarm that begins the next capture.
     Alarm(String),
@@ -343,7 +343,7 @@ pub(super) struct Draft {
     pub(super) state: StreamState,
     pub(super) entries: Vec<JournalEntry>,
     pub(super) levels: Vec<TimedLevel>,
-    /// Index before which no record starts any more, if that does not follow from the entries.
+    /// Index before which no further record starts, if that does not follow from the entries.
     skipped: Option<u64>,
 }
 

@@ -72,7 +72,8 @@ pub(crate) struct StoredStream {
 impl StoredStream {
     /// Creates a stream that starts at the index `next`, or at that of the first chunk.
     ///
-    /// Errors: its asset is deleted, or has too many streams.
+    /// # Errors
+    /// Its asset is deleted, or has too many streams.
     pub(crate) fn create(
         place: &StreamPlace,
         asset_created_at: Timestamp,
@@ -243,7 +244,8 @@ impl StoredStream {
 
     /// Stores tachometer pulses among future samples.
     ///
-    /// Errors: a channel of the stream is its tachometer.
+    /// # Errors
+    /// A channel of the stream is its tachometer.
     pub(crate) fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
         if self.state.format.tachometer().is_some() {
             let expected = "no pulses: a channel of the stream is its tachometer";
@@ -402,7 +404,8 @@ impl StoredStream {
     /// Appends what `make` adds to a draft of the current state. If another process has appended entries, it
     /// is made again from the state after them.
     ///
-    /// Errors: the author is a sender and has been replaced; the stream is removed.
+    /// # Errors
+    /// The author is a sender and has been replaced; the stream is removed.
     fn change<T>(&mut self, author: Author, make: impl Fn(&mut Draft) -> T) -> Result<T, ServiceError> {
         loop {
             let mut draft = Draft::new(self.state.clone());

@@ -64,7 +64,7 @@ impl Streams {
                 }
                 Err(error) => {
                     let (asset, name) = (&stream.asset, &stream.name);
-                    tracing::warn!(%asset, name, %error, "failed to store a record of a stream: retrying");
+                    tracing::warn!(%asset, name, %error, "failed to store a record of a stream; retrying");
                     tokio::select! {
                         _ = over.wait_for(|over| *over) => return,
                         () = tokio::time::sleep(wait) => wait = (wait * 2).min(MAX_RETRY),

@@ -42,8 +42,9 @@ pub(crate) struct Pulses {
 impl Pulses {
     /// Creates pulses at the offsets `after`, in samples, after the index `from`.
     ///
-    /// Errors: [`ServiceError::Field`] for 0 pulses per revolution, too many pulses, offsets out of range, or
-    /// offsets that do not increase.
+    /// # Errors
+    /// [`ServiceError::Field`] for 0 pulses per revolution, too many pulses, offsets out of range, or offsets
+    /// that do not increase.
     pub(crate) fn new(from: u64, after: &[f64], pulses_per_revolution: u32) -> Result<Self, ServiceError> {
         let refuse = |field, value: String, expected| Err(ServiceError::Field { field, value, expected });
         if pulses_per_revolution == 0 {

@@ -25,7 +25,7 @@ impl Streams {
                 }
                 let Some(streams) = streams.upgrade() else { return };
                 if let Err(error) = streams.take_over().await {
-                    tracing::warn!(%error, "failed to look for streams without a process: retrying later");
+                    tracing::warn!(%error, "failed to look for streams without a process; retrying later");
                 }
                 streams.forget_unused();
             }
@@ -44,14 +44,14 @@ impl Streams {
         Ok(())
     }
 
-    /// Forgets the streams of an asset that another process deleted, if they are not in use: that ends by
-    /// itself.
+    /// Forgets the streams of an asset that another process deleted. Streams in use are dropped by their last
+    /// user.
     pub(super) fn forget(&self, asset: &AssetId) {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|(of, _), stream| of != asset || Arc::strong_count(stream) > 1);
     }
 
-    /// Forgets streams that do not exist, or not any more.
+    /// Forgets streams that do not exist or have been removed.
     fn forget_unused(&self) {
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, stream| Arc::strong_count(stream) > 1 || stream.is_used());
@@ -61,7 +61,7 @@ impl Streams {
     pub(super) async fn release_cutting(&self) {
         let Some(rows) = self.places.shared() else { return };
         if let Err(error) = self.store.end_cutting(rows.process, None).await {
-            tracing::warn!(%error, "failed to release the live streams: another process takes them over later");
+            tracing::warn!(%error, "failed to release the live streams; another process takes them over later");
         }
     }
 }

@@ -5,7 +5,7 @@ use jiff::{SignedDuration, Timestamp};
 use crate::store::database::rows::{lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
-/// How long a builder counts as alive after its last renewal.
+/// Length of a builder's lease, from its last renewal.
 const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 impl Store {

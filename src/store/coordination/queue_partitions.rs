@@ -11,10 +11,10 @@ use jiff::Timestamp;
 use crate::store::database::rows::{get, lease_end, placeholders, rows_of_placeholders, to_ns};
 use crate::store::{Store, StoreError};
 
-/// How long a worker counts as alive after its last renewal.
+/// Length of a worker's lease, from its last renewal.
 pub const WORKER_LEASE: Duration = Duration::from_secs(10);
 
-/// The workers that count as alive, with the partitions that each of them owns.
+/// The workers whose lease has not expired, with the partitions that each of them owns.
 pub type PartitionOwners = BTreeMap<String, BTreeSet<u16>>;
 
 impl Store {

@@ -188,7 +188,7 @@ pub(in crate::store) async fn check_pages(
     Ok(damage)
 }
 
-/// Makes a check on this connection rest now and then once a start does not wait for it any more.
+/// Pauses the check on this connection now and then once startup no longer waits for it.
 async fn rest_in_background(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
     let began = Instant::now();
     let mut resumed = began;

@@ -22,8 +22,8 @@ use crate::store::{
     SegmentKey, Store, StoreError,
 };
 
-/// Time after its last renewal for which the process that writes a generation counts as alive; then another
-/// one may take over.
+/// Length of the lease of the process that writes a generation, from its last renewal. Once it expires,
+/// another process may take over.
 const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 /// The error for a process that lost its generation to another one.
@@ -88,7 +88,8 @@ impl Store {
     /// Renews the lease of the process that writes a generation. To be called while records are analysed and
     /// folded: one batch can take longer than the lease.
     ///
-    /// Error: [`StoreError::Outdated`] if another process has taken over.
+    /// # Errors
+    /// [`StoreError::Outdated`] if another process has taken over.
     pub async fn renew_generation(
         &self,
         channel: &ChannelSummary,
@@ -133,7 +134,8 @@ impl Store {
     /// Takes the earliest place where a channel's history changed since the generation was started, or since
     /// the last call, and reads the channel.
     ///
-    /// Error: [`StoreError::Outdated`] if another process has taken over.
+    /// # Errors
+    /// [`StoreError::Outdated`] if another process has taken over.
     pub async fn take_changes(
         &self,
         channel: &ChannelSummary,
@@ -205,7 +207,8 @@ impl Store {
 
     /// Adds analyses to a generation.
     ///
-    /// Error: [`StoreError::Outdated`] if another process has taken over.
+    /// # Errors
+    /// [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_analyses(
         &self,
         channel: &ChannelSummary,
@@ -222,7 +225,8 @@ impl Store {
 
     /// Adds estimates to a generation, with states of the fold after position `after`.
     ///
-    /// Error: [`StoreError::Outdated`] if another process has taken over.
+    /// # Errors
+    /// [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_wears(
         &self,
         channel: &ChannelSummary,
@@ -246,7 +250,8 @@ impl Store {
     /// Makes these generations the served ones, with the alarms folded with them; both must have every
     /// segment of the channel. Returns the notices of changed alarms.
     ///
-    /// Error: [`StoreError::Outdated`] if another process has taken over, or if the inputs have changed.
+    /// # Errors
+    /// [`StoreError::Outdated`] if another process has taken over, or if the inputs have changed.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,

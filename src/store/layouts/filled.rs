@@ -17,7 +17,7 @@ pub(in crate::store) fn read<T: DeserializeOwned>(
     Ok((content.numbers.is_empty() && content.texts.is_empty()).then_some(value))
 }
 
-/// Number of numbers with a fraction part in a layout.
+/// Number of floating-point numbers in a layout.
 fn count(layout: &Value) -> usize {
     match layout {
         Value::Number(number) => usize::from(number.is_f64()),

@@ -27,7 +27,7 @@ const COLUMNS: u8 = 1;
 /// Bytes before the numbers: the first one, and the identifier of the layout.
 const HEAD: usize = 9;
 
-/// Number of layouts in memory from which on all are dropped and read again when they are needed.
+/// Maximum number of cached layouts; the cache is then cleared.
 const MAX_CACHED: usize = 4096;
 
 /// Layouts that are known to be stored, by identifier.
@@ -48,7 +48,7 @@ pub(in crate::store) struct Columns {
 impl Columns {
     /// Splits a value into its layout and its numbers and texts; `of` names the row in the error.
     ///
-    /// In the layout `0.5` stands for each number with a fraction part and `""` for each text. Integers, which
+    /// In the layout `0.5` stands for each floating-point number and `""` for each text. Integers, which
     /// are the same for most records, are part of it.
     pub(in crate::store) fn of<T: Serialize>(
         value: &T,

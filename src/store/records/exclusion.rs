@@ -10,7 +10,8 @@ impl Store {
     /// Excludes records of an asset from its histories, or includes them again; returns how many changed.
     /// Marks the histories for folding again.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn set_excluded(
         &self,
         asset: &AssetId,

@@ -86,7 +86,8 @@ impl Store {
     /// Removes those of these records that an asset has, with all their results. Marks the histories that
     /// contained them for folding again.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
+    /// # Errors
+    /// [`StoreError::AssetUnknown`].
     pub async fn remove_records(
         &self,
         asset: &AssetId,

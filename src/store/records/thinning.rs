@@ -31,8 +31,8 @@ const KEPT_PER_BASELINE_RECORD: i64 = 2;
 pub struct Thinning {
     /// The current time.
     pub now: Timestamp,
-    /// Age from which on the results of a record are thinned. It counts from the current time or from the
-    /// channel's latest record, whichever is earlier: a clock that is ahead removes nothing.
+    /// Minimum age at which results are thinned. It counts from the current time or from the channel's latest
+    /// record, whichever is earlier: a clock that is ahead removes nothing.
     pub age: SignedDuration,
     /// Of the records in each interval of this length, the first is kept.
     pub interval: SignedDuration,

@@ -32,10 +32,10 @@ pub(in crate::store) struct StreamCopies {
 
 impl StreamCopies {
     /// Copies the streams of one folder for another one. With `only_new`, streams that the other folder has
-    /// are skipped.
+    /// are skipped. A stream that cannot be copied is listed in `failed`.
     ///
-    /// Error: the remains of an earlier copy cannot be removed. A stream that cannot be copied is listed in
-    /// `failed`.
+    /// # Errors
+    /// The remains of an earlier copy cannot be removed.
     pub(in crate::store) fn make(from: &Path, to: &Path, only_new: bool) -> Result<Self, StoreError> {
         let mut copies = Self { folder: to.to_path_buf(), streams: Vec::new(), failed: Vec::new() };
         let part = copies.part();

@@ -15,7 +15,7 @@ use crate::asset::AssetId;
 use crate::store::database::rows::{asset_id, get, get_count, lease_end, to_ns};
 use crate::store::{JournalEntry, Store, StoreError, TimedLevel};
 
-/// How long a process that stores the records of a stream counts as alive after its last renewal.
+/// Length of the lease of a process that stores the records of a stream, from its last renewal.
 const LEASE: SignedDuration = SignedDuration::from_secs(20);
 
 /// Bytes of levels of a stream beyond which the oldest are removed: twelve days for one channel.
@@ -70,7 +70,8 @@ pub struct StreamCheckpoint<'a> {
 impl Store {
     /// Creates a stream with a state, unless there is one; returns false if the asset has `most` others.
     ///
-    /// Error: [`StoreError::AssetUnknown`] if the asset created at `created_at` is deleted.
+    /// # Errors
+    /// [`StoreError::AssetUnknown`] if the asset created at `created_at` is deleted.
     pub async fn create_stream(
         &self,
         asset: &AssetId,

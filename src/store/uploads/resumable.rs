@@ -11,7 +11,7 @@ use crate::asset::{AssetId, json_name};
 use crate::store::database::rows::{asset_id, get, get_count, get_named, get_time, lease_end, to_ns};
 use crate::store::{Store, StoreError};
 
-/// How long a process that reads an upload counts as alive after its last renewal.
+/// Length of the lease of a process that reads an upload, from its last renewal.
 const LEASE: SignedDuration = SignedDuration::from_secs(20);
 
 /// Length of the prefix of an identifier that is the same for all uploads of one client.
