@@ -112,6 +112,7 @@ impl From<ServiceError> for FailureAction {
             ServiceError::Store(StoreError::AssetUnknown(_)) => 404,
             ServiceError::SensorOfOther { .. }
             | ServiceError::SensorShared { .. }
+            | ServiceError::StoredWith { .. }
             | ServiceError::StreamFormat { .. } => 409,
             ServiceError::RawDeleted(_) => 410,
             // An incoming record causes no other errors, unless by an internal error.

@@ -36,6 +36,16 @@ pub enum ServiceError {
         /// What was expected.
         expected: &'static str,
     },
+    /// The same bytes are stored for the same channel and time with another value of a field.
+    #[error("{field} is {value}, but the record is stored with {stored}: delete it before you send it again")]
+    StoredWith {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// The value in the stored record.
+        stored: String,
+    },
     /// The asset's description changed repeatedly while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),

@@ -1,8 +1,11 @@
 //! Errors of JSON bodies, which name the field at fault.
 
 use axum::http::StatusCode;
+use jiff::Timestamp;
 use serde::de::{DeserializeOwned, IgnoredAny};
+use serde_json::Value;
 
+use super::query::TIME;
 use crate::http::problem::Problem;
 
 /// The problem of a body that does not match the type `T`: 400 if it is not JSON at all, otherwise 422.
@@ -14,6 +17,12 @@ pub(crate) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Err
     let status = StatusCode::UNPROCESSABLE_ENTITY;
     let problem = Problem::new(status, format!("invalid body: {message}")).naming_field_in(&message);
     let path = path_of::<T>(bytes);
+    if let Some(path) = &path
+        && let Some(text) = text_at(bytes, path)
+        && text.parse::<Timestamp>().is_err_and(|error| message.starts_with(&error.to_string()))
+    {
+        return Problem::content(path, format!("{text:?}"), TIME);
+    }
     match path {
         Some(path) if !problem.names_a_field() => {
             // The parser's words for a list that is too long.
@@ -24,10 +33,41 @@ pub(crate) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Err
     }
 }
 
+/// The text at a path such as `alarms[0].time`.
+fn text_at(bytes: &[u8], path: &str) -> Option<String> {
+    let body: Value = serde_json::from_slice(bytes).ok()?;
+    let mut steps = path.split(['.', '[', ']']).filter(|step| !step.is_empty());
+    let found = steps.try_fold(&body, |at, step| match at {
+        Value::Array(items) => items.get(step.parse::<usize>().ok()?),
+        _ => at.get(step),
+    });
+    found?.as_str().map(str::to_owned)
+}
+
 /// The path of the value that does not match; none at the root.
 fn path_of<T: DeserializeOwned>(bytes: &[u8]) -> Option<String> {
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let error = serde_path_to_error::deserialize::<_, T>(&mut reader).err()?;
     let path = error.path().to_string();
     (path != "." && !path.contains('?')).then_some(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_that_cannot_be_parsed_is_named() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Event {
+            #[serde(rename = "time")]
+            _time: Timestamp,
+        }
+        for value in ["tomorrow", "2026-01-01", "x", ""] {
+            let body = format!(r#"[{{"time":"2026-01-01T00:00:00Z"}},{{"time":"{value}"}}]"#);
+            let error = serde_json::from_str::<Vec<Event>>(&body).unwrap_err();
+            let problem = problem::<Vec<Event>>(body.as_bytes(), &error);
+            assert_eq!(problem.detail(), format!("[1].time is {value:?}, expected {TIME}"));
+        }
+    }
 }

@@ -21,6 +21,9 @@ const MAX_LIMIT: u32 = 1000;
 /// Maximum number of points of a reduced curve.
 const MAX_POINTS: usize = 200_000;
 
+/// What is expected of a time.
+pub(super) const TIME: &str = "a time such as 2026-03-01T08:00:00Z";
+
 /// Query parameters; unknown ones are refused.
 pub(crate) struct Parameters<T>(pub(crate) T);
 
@@ -74,7 +77,7 @@ fn expectation(cause: &str) -> Option<String> {
             Some((_, expected)) if !expected.contains(" but got ") => {
                 return Some(expected.replace('`', "").replace("one of ", ""));
             }
-            _ => "a time such as 2026-03-01T08:00:00Z",
+            _ => TIME,
         },
     };
     Some(of_type.to_owned())

@@ -58,8 +58,8 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::raw::{RawObjects, UncommittedObjects};
 use super::record::{
-    ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_time,
-    decode_upload, identify_upload, known_to_all, raw_bytes,
+    ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_repeat,
+    check_time, decode_upload, identify_upload, known_to_all, raw_bytes,
 };
 use super::sensor_group::{SensorGroup, described};
 use super::simulations::Simulations;
@@ -187,7 +187,15 @@ impl Pipeline {
             self.workers.run("decode a record", decode_and_identify).await??
         };
         let name = records.first().map(|record| record.raw.sha256.clone()).unwrap_or_default();
+        let notes: Vec<RecordNote> =
+            records.iter().map(|record| record.note(&group.asset.spec.id, received_at)).collect();
         let batch = self.begin(group, records, vec![(name, bytes)], received_at).await?;
+        for stored in &batch.known {
+            notes
+                .iter()
+                .filter(|note| note.id == stored.id)
+                .try_for_each(|note| check_repeat(note, stored))?;
+        }
         let mut accepted = self.finish(batch).await?;
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)

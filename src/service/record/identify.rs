@@ -147,6 +147,31 @@ fn check_unit(record: &Record) -> Result<(), ServiceError> {
 
 /// Returns an error if a record is so far in the future that a clock must be wrong: it would turn every later
 /// record into a late one.
+/// Checks that a repeated record states nothing that contradicts the stored one.
+///
+/// # Errors
+/// [`ServiceError::StoredWith`] with the first value that differs.
+pub(crate) fn check_repeat(repeated: &RecordNote, stored: &Segment) -> Result<(), ServiceError> {
+    let differ = |field, value: String, stored| Err(ServiceError::StoredWith { field, value, stored });
+    let text = |value: Option<f64>| value.map_or_else(|| "none".to_owned(), |value| value.to_string());
+    // The scale and unit of the samples are parts of the media type.
+    if repeated.raw.media_type != stored.raw.media_type {
+        return differ("media_type", repeated.raw.media_type.clone(), stored.raw.media_type.clone());
+    }
+    let (given, known) = (&repeated.operating_point, &stored.operating_point);
+    for (field, given, known) in [
+        ("shaft_speed_hz", given.shaft_speed_hz, known.shaft_speed_hz),
+        ("torque_nm", given.torque_nm, known.torque_nm),
+        ("temperature_c", given.temperature_c, known.temperature_c),
+        ("reference_wear_um", repeated.reference_wear_um, stored.reference_wear_um),
+    ] {
+        if given.is_some() && given != known {
+            return differ(field, text(given), text(known));
+        }
+    }
+    Ok(())
+}
+
 pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(), ServiceError> {
     if start_time <= latest {
         return Ok(());

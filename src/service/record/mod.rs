@@ -13,6 +13,8 @@ pub use channel_names::ChannelNames;
 pub(crate) use channel_units::ChannelUnits;
 pub use decode::{RecordFormat, SampleFile, SampleFileKind, UploadMetadata};
 pub(crate) use decode::{decode_upload, defaults_of};
-pub(crate) use identify::{IdentifiedRecord, check_time, identify_recorded, identify_upload, known_to_all};
+pub(crate) use identify::{
+    IdentifiedRecord, check_repeat, check_time, identify_recorded, identify_upload, known_to_all,
+};
 pub use stored::{BandChoice, RecalledRecord, SegmentEnvelope, StoredRecords};
 pub(crate) use stored::{StoredRecord, raw_bytes};

@@ -72,27 +72,31 @@ impl Commit {
             if is_same && (is_known || (known.is_none() && new.is_empty())) {
                 continue;
             }
+            let stands = |alarm: &Alarm| (alarm.unshelved_state(), alarm.severity());
+            let stood = known.map_or_else(|| stands(&Alarm::default()), |known| stands(&known.alarm));
+            let mut changed_at =
+                alarm.last().map_or_else(|| known.map_or(now, |known| known.changed_at), |last| last.time);
+            // A change of the rule may undo the last change: an alarm never changes before it did last.
+            if stood != stands(alarm) && known.is_some_and(|known| changed_at < known.changed_at) {
+                changed_at = now;
+            }
             let stored = StoredAlarm {
                 id,
                 asset_id: channel.asset_id.clone(),
                 channel: channel.channel.clone(),
                 quantity: rule.quantity.clone(),
                 rule: Some(rule.clone()),
-                changed_at: alarm
-                    .last()
-                    .map_or_else(|| known.map_or(now, |known| known.changed_at), |last| last.time),
+                changed_at,
                 alarm: alarm.clone(),
             };
             self.set_alarm(channel, &stored).await?;
             self.replace_changes(&stored.id, folded.after, &old, &new, now).await?;
             let notice = |change: &AlarmChange| AlarmNotice { alarm: stored.clone(), change: change.clone() };
-            let stands = |alarm: &Alarm| (alarm.unshelved_state(), alarm.severity());
             if folded.is_append {
                 let is_new =
                     |new: &&&PlacedChange| !old.iter().any(|(_, old)| old.is_equivalent_to(&new.change));
                 notices.extend(new.iter().filter(is_new).map(|new| notice(&new.change)));
-            } else if known.map_or_else(|| stands(&Alarm::default()), |known| stands(&known.alarm))
-                != stands(alarm)
+            } else if stood != stands(alarm)
                 && let Some(last) = alarm.last().or(known.and_then(|known| known.alarm.last()))
             {
                 notices.push(notice(last));
