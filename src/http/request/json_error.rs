@@ -18,8 +18,7 @@ pub(crate) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Err
     let problem = Problem::new(status, format!("invalid body: {message}")).naming_field_in(&message);
     let path = path_of::<T>(bytes);
     if let Some(path) = &path
-        && let Some(text) = text_at(bytes, path)
-        && text.parse::<Timestamp>().is_err_and(|error| message.starts_with(&error.to_string()))
+        && let Some(text) = time_at::<T>(bytes, path, &message)
     {
         return Problem::content(path, format!("{text:?}"), TIME);
     }
@@ -33,15 +32,23 @@ pub(crate) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Err
     }
 }
 
-/// The text at a path such as `alarms[0].time`.
-fn text_at(bytes: &[u8], path: &str) -> Option<String> {
-    let body: Value = serde_json::from_slice(bytes).ok()?;
+/// The text at a path such as `alarms[0].time`, if the message is about a text that is no time where one
+/// belongs.
+fn time_at<T: DeserializeOwned>(bytes: &[u8], path: &str, message: &str) -> Option<String> {
+    let mut body: Value = serde_json::from_slice(bytes).ok()?;
     let mut steps = path.split(['.', '[', ']']).filter(|step| !step.is_empty());
-    let found = steps.try_fold(&body, |at, step| match at {
-        Value::Array(items) => items.get(step.parse::<usize>().ok()?),
-        _ => at.get(step),
-    });
-    found?.as_str().map(str::to_owned)
+    let value = steps.try_fold(&mut body, |at, step| match at {
+        Value::Array(items) => items.get_mut(step.parse::<usize>().ok()?),
+        _ => at.get_mut(step),
+    })?;
+    let text = value.as_str()?.to_owned();
+    let error = text.parse::<Timestamp>().err()?;
+    // A time belongs there if one is accepted; dates have the same messages.
+    *value = Value::from(Timestamp::UNIX_EPOCH.to_string());
+    let with_time = serde_json::to_vec(&body).ok()?;
+    let is_time =
+        message.starts_with(&error.to_string()) && path_of::<T>(&with_time).as_deref() != Some(path);
+    is_time.then_some(text)
 }
 
 /// The path of the value that does not match; none at the root.
