@@ -3,11 +3,12 @@
 import * as api from "./api.js";
 import { AssetFrame, refusal, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
+import { beyondWords, putAt, reachWords, tidy, valueAt } from "./field-values.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { followLimits, SettingLists } from "./settings-lists.js";
 import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
-import { beyondWords, GROUPS, putAt, reachWords, tidy, valueAt } from "./settings-fields.js";
+import { GROUPS } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
 /** The settings of one asset. */
