@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { FramedPage } from "./asset-frame.js";
-import { h, setChildren, setOptions, setText } from "./dom.js";
+import { h, setChildren, setOptions, setText, tableHead } from "./dom.js";
 import { count, some } from "./format.js";
 import { KeyedRows } from "./keyed-rows.js";
 import { STATUSES } from "./record-statuses.js";
@@ -70,16 +70,7 @@ export class RecordsPage extends FramedPage {
   #table = h(
     "table",
     { class: "record-table", hidden: true },
-    h(
-      "thead",
-      {},
-      h(
-        "tr",
-        {},
-        h("td", { class: "pick" }, this.#page),
-        HEADINGS.map((text) => h("th", { scope: "col" }, text)),
-      ),
-    ),
+    tableHead([h("td", { class: "pick" }, this.#page), ...HEADINGS]),
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading records…");
