@@ -168,11 +168,7 @@ const checks = chunks.map(([key, address, kinds]) => [
   `every plot is saved as numbers and as a picture: ${key}`,
   async (name) => {
     const [where] = key.split(",");
-    const opened = await open(
-      typeof address === "string" ? address : await address(),
-      { colorScheme: "dark" },
-      listening,
-    );
+    const opened = await open(address, { colorScheme: "dark" }, listening);
     for (const kind of kinds) {
       await drawn(opened.page, kind);
       await checkSaved(opened.page, kind, await SUBJECTS[where](kind), where);

@@ -1,28 +1,13 @@
 // Keyboard focus on each page: every control is reached once, visible, named and marked.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, open, overviewDrawn } from "./page.mjs";
+import { asset, close, drawn, MAIN_PAGES, open, overviewDrawn } from "./page.mjs";
 
 const PAGES = {
-  fleet: ["", (page) => page.locator(`[data-asset="${asset}"]`).waitFor()],
+  ...MAIN_PAGES,
   asset: [
     `#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=s~399.36~16.64&zoom=1`,
     async (page) => (await overviewDrawn(page), await drawn(page, "turn")),
-  ],
-  waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
-  match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
-  settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
-  records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
-  import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
-  tokens: ["#/tokens", (page) => page.getByRole("button", { name: "Create token" }).waitFor()],
-  alarms: [
-    async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
-    (page) => page.locator(".alarm-history li").first().waitFor(),
-  ],
-  libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
-  library: [
-    async () => `#/libraries/${(await json("libraries")).items[0].id}`,
-    (page) => drawn(page, "transmission"),
   ],
 };
 
@@ -99,7 +84,7 @@ async function walk(page) {
 const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
   `the keyboard reaches everything on the page: ${key}`,
   async (name) => {
-    const opened = await open(typeof address === "string" ? address : await address());
+    const opened = await open(address);
     await ready(opened.page);
     await opened.page.waitForTimeout(500);
     console.log(`        ${await walk(opened.page)} stops`);

@@ -55,8 +55,8 @@ async function delayAnswers(context) {
 }
 
 /**
- * A fresh page and the list of its errors: console errors, exceptions, requests to other hosts. `before`
- * prepares the page, `host` is another service.
+ * A fresh page and the list of its errors: console errors, exceptions, requests to other hosts. `path` may be a
+ * function that finds it; `before` prepares the page, `host` is another service.
  */
 export async function open(path, options = {}, before = async () => {}, host = base) {
   const context = await newContext({ viewport: { width: 1280, height: 900 }, ...options });
@@ -75,7 +75,7 @@ export async function open(path, options = {}, before = async () => {}, host = b
   });
   if (process.env.FLANKWATCH_PAGES) await fromFolder(context, process.env.FLANKWATCH_PAGES, host);
   await before(page);
-  await page.goto(`${host}/${path}`);
+  await page.goto(`${host}/${typeof path === "string" ? path : await path()}`);
   return { page, faults };
 }
 
@@ -129,6 +129,26 @@ export async function overviewDrawn(page) {
 export const shownTime = (time) => `${new Date(time).toISOString().slice(0, 19).replace("T", " ")} UTC`;
 export const parameters = (page) => new URLSearchParams(new URL(page.url()).hash.split("?")[1]);
 export const json = async (path) => (await fetch(`${base}/v1/${path}`)).json();
+
+/** Pages by name: the path for `open`, and what waits until the page is complete. */
+export const MAIN_PAGES = {
+  fleet: ["", (page) => page.locator(`[data-asset="${asset}"]`).waitFor()],
+  waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
+  match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
+  settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
+  records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
+  import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByRole("button", { name: "Create token" }).waitFor()],
+  alarms: [
+    async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
+    (page) => page.locator(".alarm-history li").first().waitFor(),
+  ],
+  libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
+  library: [
+    async () => `#/libraries/${(await json("libraries")).items[0].id}`,
+    (page) => drawn(page, "transmission"),
+  ],
+};
 
 const asJson = { "content-type": "application/json" };
 

@@ -13,7 +13,7 @@ import {
   stateWords,
 } from "./alarm-words.js";
 import * as api from "./api.js";
-import { h, setChildren, setText } from "./dom.js";
+import { h, setChildren, setText, tableHead } from "./dom.js";
 import { age, clock } from "./format.js";
 import { KeyedRows } from "./keyed-rows.js";
 import { change, format, parse } from "./route.js";
@@ -49,17 +49,7 @@ export class AlarmsPage {
   #table = h(
     "table",
     { class: "alarms", hidden: true },
-    h(
-      "thead",
-      {},
-      h(
-        "tr",
-        {},
-        ["Severity", "Asset", "Quantity", "Reading", "Since", "State"].map((text) =>
-          h("th", { scope: "col" }, text),
-        ),
-      ),
-    ),
+    tableHead(["Severity", "Asset", "Quantity", "Reading", "Since", "State"]),
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");

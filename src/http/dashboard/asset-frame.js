@@ -1,7 +1,8 @@
-// The common head of all asset pages: breadcrumb, name, and links to the asset's other pages.
+// The asset pages and their common head: breadcrumb, name, and links to the asset's other pages.
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
+import { assetName } from "./fleet-row.js";
 import { format } from "./route.js";
 
 /** @type {[string, string][]} */
@@ -106,7 +107,7 @@ export function crumbs(...links) {
 }
 
 /** The head of an asset page; call `update` when the asset or the address changes. */
-export class AssetFrame {
+class AssetFrame {
   #page;
   #title = h("h1");
   #crumbs;
@@ -140,4 +141,29 @@ export function refusal(root, id, error) {
     h("h1", {}, id),
     h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")),
   );
+}
+
+/** A page of one asset, under the common head. */
+export class FramedPage {
+  constructor(root, route, page) {
+    this.root = root;
+    this.id = route.id;
+    this.query = route.query;
+    this.head = new AssetFrame(route.id, page);
+    this.head.update(route.id, route.query);
+  }
+
+  /** Reacts to a changed address; returns whether to fetch again. */
+  update(route) {
+    this.query = route.query;
+    return true;
+  }
+
+  /** Fetches the asset for the head; says why, and returns nothing, if it cannot be shown. */
+  async loadAsset(signal) {
+    const asset = await api.answer(api.asset(this.id, signal));
+    if (asset instanceof Error) return void refusal(this.root, this.id, asset);
+    this.head.update(assetName(asset), this.query, asset);
+    return asset;
+  }
 }

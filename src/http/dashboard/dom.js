@@ -45,3 +45,15 @@ export function setText(element, text) {
 export function setChildren(element, ...children) {
   element.replaceChildren(...children.flat().filter(Boolean));
 }
+
+/** The head of a table: one row of titles, or cells where they are elements. */
+export const tableHead = (titles) =>
+  h(
+    "thead",
+    {},
+    h(
+      "tr",
+      {},
+      titles.map((title) => (typeof title === "string" ? h("th", { scope: "col" }, title) : title)),
+    ),
+  );

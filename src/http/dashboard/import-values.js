@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
-import { tidy } from "./settings-fields.js";
+import { tidy } from "./field-values.js";
 import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
 
 function field(id, label, properties) {

@@ -1,7 +1,7 @@
 // The libraries of simulated wear states on this server.
 
 import * as api from "./api.js";
-import { h, setChildren } from "./dom.js";
+import { h, setChildren, tableHead } from "./dom.js";
 import { depth, hertz } from "./format.js";
 import { format } from "./route.js";
 
@@ -53,22 +53,6 @@ export class LibrariesPage {
       ),
     );
     const heads = ["Gear pair", "States", "Wear", "Contact rule", "Simulated", "Computed with"];
-    setChildren(
-      this.#list,
-      h(
-        "table",
-        {},
-        h(
-          "thead",
-          {},
-          h(
-            "tr",
-            {},
-            heads.map((head) => h("th", { scope: "col" }, head)),
-          ),
-        ),
-        h("tbody", {}, rows),
-      ),
-    );
+    setChildren(this.#list, h("table", {}, tableHead(heads), h("tbody", {}, rows)));
   }
 }

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
-import { h, setChildren } from "./dom.js";
+import { h, setChildren, tableHead } from "./dom.js";
 import { depth, figure, indicatorName } from "./format.js";
 import { drawPair } from "./gear-drawing.js";
 import { stiffnessDrawing, transmissionDrawing, umPerRadian } from "./mesh-plots.js";
@@ -209,20 +209,7 @@ export class LibraryPage {
       );
     setChildren(
       this.#table,
-      h(
-        "table",
-        {},
-        h(
-          "thead",
-          {},
-          h(
-            "tr",
-            {},
-            COLUMNS.map(([, head]) => h("th", { scope: "col" }, head)),
-          ),
-        ),
-        h("tbody", {}, rows.map(row)),
-      ),
+      h("table", {}, tableHead(COLUMNS.map(([, head]) => head)), h("tbody", {}, rows.map(row))),
     );
   }
 

@@ -2,10 +2,9 @@
 // the mesh of the best state.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
+import { FramedPage } from "./asset-frame.js";
 import { h, setChildren } from "./dom.js";
 import { FlankCard } from "./flank-drawing.js";
-import { assetName } from "./fleet-row.js";
 import { featureDrawing } from "./feature-plot.js";
 import { matchWords } from "./match-words.js";
 import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
@@ -19,11 +18,7 @@ import { posteriorDrawing } from "./posterior-plot.js";
 const MATCHED = ["estimated", "not_identifiable"]; // records with these statuses have a best state
 
 /** The match of the selected or latest record with the library. */
-export class MatchPage {
-  #id;
-  #root;
-  #query;
-  #frame;
+export class MatchPage extends FramedPage {
   #data;
   #words = h("section", { class: "card match-words" });
   #features = new PlotCard("features", "Change since the baseline: measured and expected");
@@ -36,10 +31,7 @@ export class MatchPage {
   #grid;
 
   constructor(root, route) {
-    this.#root = root;
-    this.#id = route.id;
-    this.#query = route.query;
-    this.#frame = new AssetFrame(route.id, "match");
+    super(root, route, "match");
     const left = h("div", { class: "column" }, this.#words, this.#features.element, this.#posterior.element);
     const right = h(
       "div",
@@ -50,24 +42,16 @@ export class MatchPage {
     );
     this.#grid = h("div", { class: "asset-grid", hidden: true }, left, right);
     this.#novelty.element.hidden = true;
-    setChildren(root, this.#frame.element, this.#notice, this.#novelty.element, this.#grid);
-    this.#frame.update(route.id, route.query);
-  }
-
-  /** Reacts to a changed address. */
-  update(route) {
-    this.#query = route.query;
-    return true;
+    setChildren(root, this.head.element, this.#notice, this.#novelty.element, this.#grid);
   }
 
   /** Fetches the match and shows what changed. */
   async refresh(signal) {
-    const asset = await api.answer(api.asset(this.#id, signal));
-    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    this.#frame.update(assetName(asset), this.#query, asset);
-    const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
+    const asset = await this.loadAsset(signal);
+    if (!asset) return;
+    const latest = await api.answer(api.wear(this.id, this.query.channel, signal));
     if (latest instanceof Error) return this.#showNotice(latest.message);
-    const id = this.#query.segment ?? latest.segment_id;
+    const id = this.query.segment ?? latest.segment_id;
     if (!id) return this.#showNotice("No records yet.");
     const segment = await api.answer(api.segment(id, signal));
     if (segment instanceof Error) return this.#showNotice(segment.message);
@@ -103,8 +87,8 @@ export class MatchPage {
     this.#data = { unmatched: segment, asset };
     if (novelty?.largest_deviations?.length)
       await this.#novelty.show(
-        () => noveltyDrawing(novelty, this.#id, hasPair),
-        `${this.#id}-novelty-${segment.start_time}`,
+        () => noveltyDrawing(novelty, this.id, hasPair),
+        `${this.id}-novelty-${segment.start_time}`,
         () => recordSubject(segment, asset),
       );
   }
@@ -117,25 +101,25 @@ export class MatchPage {
     const { asset, segment, match, state, unworn, flank } = this.#data;
     this.#notice.hidden = true;
     this.#grid.hidden = false;
-    const name = `${this.#id}-match-${segment.start_time}`;
-    setChildren(this.#words, matchWords(segment, match, asset, this.#query));
+    const name = `${this.id}-match-${segment.start_time}`;
+    setChildren(this.#words, matchWords(segment, match, asset, this.query));
     this.#flank.show(flank, match);
     const subject = () => recordSubject(segment, asset);
     const mesh = state instanceof Error ? state : unworn;
     await Promise.all([
-      this.#features.show(() => featureDrawing(match, this.#id), `${name}-features`, subject),
+      this.#features.show(() => featureDrawing(match, this.id), `${name}-features`, subject),
       this.#posterior.show(
-        () => posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id),
+        () => posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.id),
         `${name}-posterior`,
         subject,
       ),
       this.#stiffness.show(
-        () => mesh.message ?? stiffnessDrawing(state, unworn, this.#id),
+        () => mesh.message ?? stiffnessDrawing(state, unworn, this.id),
         `${name}-stiffness`,
         subject,
       ),
       this.#transmission.show(
-        () => mesh.message ?? transmissionDrawing(state, unworn, asset.gear.pair.geometry, this.#id),
+        () => mesh.message ?? transmissionDrawing(state, unworn, asset.gear.pair.geometry, this.id),
         `${name}-transmission-error`,
         subject,
       ),

@@ -423,28 +423,32 @@ export function verticalLine(x, colour, dash = "solid", width = 1) {
   };
 }
 
+/** A horizontal line over the whole plot, at a height on the axis. */
+export const horizontalLine = (y, line) => ({
+  type: "line",
+  xref: "paper",
+  x0: 0,
+  x1: 1,
+  y0: y,
+  y1: y,
+  line,
+});
+
+const stroke = (width, dashes) => (colour) =>
+  svg("line", {
+    x1: 1,
+    x2: 23,
+    y1: 7,
+    y2: 7,
+    stroke: colour,
+    "stroke-width": width,
+    "stroke-dasharray": dashes,
+  });
+
 const SWATCHES = {
-  line: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5 }),
-  dash: (colour) =>
-    svg("line", {
-      x1: 1,
-      x2: 23,
-      y1: 7,
-      y2: 7,
-      stroke: colour,
-      "stroke-width": 2,
-      "stroke-dasharray": "6 3",
-    }),
-  dot: (colour) =>
-    svg("line", {
-      x1: 1,
-      x2: 23,
-      y1: 7,
-      y2: 7,
-      stroke: colour,
-      "stroke-width": 2.5,
-      "stroke-dasharray": "2 3",
-    }),
+  line: stroke(2.5),
+  dash: stroke(2, "6 3"),
+  dot: stroke(2.5, "2 3"),
   band: (colour) => svg("rect", { x: 1, y: 1, width: 22, height: 12, fill: colour }),
   octagon: (colour) => svg("path", { d: "M9.500 1.500h5L18 5v4l-3.500 3.500h-5L6 9V5z", fill: colour }),
   square: (colour) => svg("rect", { x: 7, y: 2, width: 10, height: 10, fill: colour }),

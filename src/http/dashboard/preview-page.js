@@ -1,26 +1,20 @@
 // Model preview of the wear of an asset's gear pair.
 
-import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
+import { FramedPage } from "./asset-frame.js";
 import { h, setChildren } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { PreviewPanel } from "./preview-panel.js";
 
 /** The page where an asset's wear is previewed. */
-export class PreviewPage {
-  #id;
-  #root;
-  #query;
-  #frame;
+export class PreviewPage extends FramedPage {
   #asset;
   #panel = new PreviewPanel();
 
   constructor(root, route) {
-    [this.#root, this.#id, this.#query] = [root, route.id, route.query];
-    this.#frame = new AssetFrame(route.id, "wear");
+    super(root, route, "wear");
     setChildren(
       root,
-      this.#frame.element,
+      this.head.element,
       h(
         "p",
         { class: "muted" },
@@ -28,21 +22,19 @@ export class PreviewPage {
       ),
       this.#panel.element,
     );
-    this.#frame.update(route.id, route.query);
   }
 
   update(route) {
-    this.#query = route.query;
+    this.query = route.query;
     return false;
   }
 
   /** Fetches the asset and previews it when its pair has changed. */
   async refresh(signal) {
-    const asset = await api.answer(api.asset(this.#id, signal));
-    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    const asset = await this.loadAsset(signal);
+    if (!asset) return;
     const same = this.#asset && JSON.stringify(asset.gear) === JSON.stringify(this.#asset.gear);
     this.#asset = asset;
-    this.#frame.update(assetName(asset), this.#query, asset);
     if (same) return;
     if (asset.gear?.pair) this.#panel.describe(asset.gear, 0, assetName(asset));
     else

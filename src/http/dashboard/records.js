@@ -1,9 +1,8 @@
 // The records of an asset as a table with filters, pages, selection and actions.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
-import { h, setChildren, setOptions, setText } from "./dom.js";
-import { assetName } from "./fleet-row.js";
+import { FramedPage } from "./asset-frame.js";
+import { h, setChildren, setOptions, setText, tableHead } from "./dom.js";
 import { count, some } from "./format.js";
 import { KeyedRows } from "./keyed-rows.js";
 import { STATUSES } from "./record-statuses.js";
@@ -18,11 +17,7 @@ const typed = (time) => (time ? written(time).slice(0, 19) : "");
 const meant = (text) => (text ? instant(text) : null);
 
 /** The table of one asset's records. */
-export class RecordsPage {
-  #id;
-  #root;
-  #query;
-  #frame;
+export class RecordsPage extends FramedPage {
   #shown;
   #known;
   #asked;
@@ -75,16 +70,7 @@ export class RecordsPage {
   #table = h(
     "table",
     { class: "record-table", hidden: true },
-    h(
-      "thead",
-      {},
-      h(
-        "tr",
-        {},
-        h("td", { class: "pick" }, this.#page),
-        HEADINGS.map((text) => h("th", { scope: "col" }, text)),
-      ),
-    ),
+    tableHead([h("td", { class: "pick" }, this.#page), ...HEADINGS]),
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading records…");
@@ -92,17 +78,14 @@ export class RecordsPage {
   #back = h("button", { type: "button", onclick: () => this.#turnBack() }, "← Previous page");
   #next = h("button", { type: "button", onclick: () => this.#turn() }, "Next page →");
   #pickAll = h("button", { type: "button", class: "quiet", hidden: true, onclick: () => this.#takeAll() });
-  #actions;
+  #actions = new RecordActions(
+    this.id,
+    () => this.#selection(),
+    (gone) => this.#changed(gone),
+  );
 
   constructor(root, route) {
-    [this.#root, this.#id, this.#query] = [root, route.id, route.query];
-    this.#frame = new AssetFrame(route.id, "records");
-    this.#frame.update(route.id, route.query);
-    this.#actions = new RecordActions(
-      route.id,
-      () => this.#selection(),
-      (gone) => this.#changed(gone),
-    );
+    super(root, route, "records");
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
     const filters = h(
       "div",
@@ -129,7 +112,7 @@ export class RecordsPage {
       this.#table,
       this.#notice,
     );
-    setChildren(root, this.#frame.element, card);
+    setChildren(root, this.head.element, card);
     this.#actions.show(0);
   }
 
@@ -149,7 +132,7 @@ export class RecordsPage {
   }
 
   #turn() {
-    const { cursor } = this.#query;
+    const { cursor } = this.query;
     // The page after the displayed one is already requested
     if (this.#asked !== this.#address(cursor)) return;
     const { next_cursor: next } = this.#shown;
@@ -158,12 +141,12 @@ export class RecordsPage {
   }
 
   #turnBack() {
-    change({ cursor: this.#place(this.#query.cursor).back ?? null });
+    change({ cursor: this.#place(this.query.cursor).back ?? null });
   }
 
   /** The page at a cursor of the current listing. */
   #address(cursor) {
-    return JSON.stringify([this.#parameters(), this.#query.order, cursor]);
+    return JSON.stringify([this.#parameters(), this.query.order, cursor]);
   }
 
   /** How many pages are before a page; a link to a later page does not know. */
@@ -171,32 +154,25 @@ export class RecordsPage {
     return this.#places.get(this.#address(cursor)) ?? { before: cursor ? NaN : 0 };
   }
 
-  /** Reacts to a changed address. */
-  update(route) {
-    this.#query = route.query;
-    return true;
-  }
-
   #parameters() {
-    const { channel, status, from, to } = this.#query;
+    const { channel, status, from, to } = this.query;
     return { channel, status, from, to };
   }
 
   /** Fetches the records and shows what changed. */
   async refresh(signal) {
     const parameters = this.#parameters();
-    const { order = "desc", cursor } = this.#query;
+    const { order = "desc", cursor } = this.query;
     const [asset, known, page] = await Promise.all([
-      api.answer(api.asset(this.#id, signal)),
-      api.answer(api.recordCount(this.#id, parameters, signal)),
-      api.answer(api.recordsPage(this.#id, { ...parameters, order, cursor, limit: PAGE }, signal)),
+      this.loadAsset(signal),
+      api.answer(api.recordCount(this.id, parameters, signal)),
+      api.answer(api.recordsPage(this.id, { ...parameters, order, cursor, limit: PAGE }, signal)),
     ]);
-    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    if (!asset) return;
     const asked = this.#address(cursor);
     // Further records may change only the count
     if (page === this.#shown && known === this.#known && asked === this.#asked) return;
     [this.#shown, this.#known, this.#asked] = [page, known, asked];
-    this.#frame.update(assetName(asset), this.#query, asset);
     this.#fillFilters(asset.summary.channels);
     if (page instanceof Error || known instanceof Error)
       return this.#refuse(page instanceof Error ? page : known);
@@ -206,7 +182,7 @@ export class RecordsPage {
   }
 
   #fillFilters(channels) {
-    const { channel = "", status = "", from, to, order = "" } = this.#query;
+    const { channel = "", status = "", from, to, order = "" } = this.query;
     setOptions(this.#channel, [["", "All"], ...channels.map((name) => [name, name])]);
     this.#channel.value = channel;
     this.#status.value = status;
@@ -216,7 +192,7 @@ export class RecordsPage {
       [this.#to, to],
     ])
       if (document.activeElement !== input) input.value = typed(time); // it would erase a time that is half typed
-    this.#export.href = api.address(["assets", this.#id, "export"], this.#parameters());
+    this.#export.href = api.address(["assets", this.id, "export"], this.#parameters());
   }
 
   #refuse(error) {
@@ -226,7 +202,7 @@ export class RecordsPage {
   }
 
   #render() {
-    const { cursor } = this.#query;
+    const { cursor } = this.query;
     const { before } = this.#place(cursor);
     const first = before * PAGE + 1;
     const range = this.#items.length

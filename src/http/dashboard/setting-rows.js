@@ -1,7 +1,7 @@
 // A list of a form, one row of fields per entry.
 
 import { h, setChildren, setText } from "./dom.js";
-import { valueAt } from "./settings-fields.js";
+import { valueAt } from "./field-values.js";
 
 let made = 0; // rows, for the ids of their errors
 

@@ -3,7 +3,7 @@
 import { quantityWords, ruleLevels } from "./alarm-words.js";
 import { h, setChildren } from "./dom.js";
 import { Rows } from "./setting-rows.js";
-import { tidy } from "./settings-fields.js";
+import { tidy } from "./field-values.js";
 
 const number = (text) => (text.trim() === "" ? undefined : Number(text));
 const given = (object) =>

@@ -1,22 +1,19 @@
 // An asset's settings as a form, with a live drawing of its gear pair.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal, savingWords } from "./asset-frame.js";
+import { FramedPage, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
+import { beyondWords, putAt, reachWords, tidy, valueAt } from "./field-values.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { followLimits, SettingLists } from "./settings-lists.js";
 import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
-import { beyondWords, GROUPS, putAt, reachWords, tidy, valueAt } from "./settings-fields.js";
+import { GROUPS } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
 /** The settings of one asset. */
-export class SettingsPage {
+export class SettingsPage extends FramedPage {
   holdsEntries = true;
-  #id;
-  #root;
-  #query;
-  #frame;
   #asset;
   #inputs = new Map();
   #lists = new SettingLists();
@@ -30,26 +27,21 @@ export class SettingsPage {
   #form;
 
   constructor(root, route) {
-    this.#root = root;
-    this.#id = route.id;
-    this.#query = route.query;
-    this.#frame = new AssetFrame(route.id, "settings");
-    setChildren(root, this.#frame.element, h("p", { class: "notice" }, "Loading settings…"));
-    this.#frame.update(route.id, route.query);
+    super(root, route, "settings");
+    setChildren(root, this.head.element, h("p", { class: "notice" }, "Loading settings…"));
   }
 
   update(route) {
-    this.#query = route.query;
+    this.query = route.query;
     return false;
   }
 
   /** Fetches once, so that edits are not overwritten. */
   async refresh(signal) {
     if (this.#asset) return;
-    const asset = await api.answer(api.asset(this.#id, signal));
-    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    const asset = await this.loadAsset(signal);
+    if (!asset) return;
     this.#asset = asset;
-    this.#frame.update(assetName(asset), this.#query, asset);
     this.#build();
     this.#fill();
     await this.#showReach();
@@ -78,7 +70,7 @@ export class SettingsPage {
             "p",
             { class: "notice" },
             "This asset has no gear pair, so wear in µm is not estimated. ",
-            h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Add its gears"),
+            h("a", { href: `#/new?edit=${encodeURIComponent(this.id)}` }, "Add its gears"),
           );
     const buttons = h(
       "div",
@@ -103,13 +95,13 @@ export class SettingsPage {
       buttons,
     );
     setChildren(
-      this.#root,
-      this.#frame.element,
+      this.root,
+      this.head.element,
       h(
         "div",
         { class: "settings-grid" },
         this.#form,
-        h("div", { class: "column" }, this.#asset.gear?.pair ? this.#pair : null, removalCard(this.#id)),
+        h("div", { class: "column" }, this.#asset.gear?.pair ? this.#pair : null, removalCard(this.id)),
       ),
     );
   }
@@ -207,10 +199,10 @@ export class SettingsPage {
     try {
       const description = this.#description();
       followLimits(description, this.#asset);
-      this.#asset = await api.replaceAsset(this.#id, description, this.#asset);
+      this.#asset = await api.replaceAsset(this.id, description, this.#asset);
       this.#fill();
       await this.#showReach();
-      this.#frame.update(assetName(this.#asset), this.#query, this.#asset);
+      this.head.update(assetName(this.#asset), this.query, this.#asset);
       this.#showNotice("good", "Saved.");
     } catch (error) {
       this.#refuse(error);

@@ -1,7 +1,7 @@
 // Values of a description that follow from others when they are not given.
 
 import { USUAL_BORE } from "./gear-drawing.js";
-import { valueAt } from "./settings-fields.js";
+import { valueAt } from "./field-values.js";
 
 /**
  * The bore radius of a gear, 0 for the driving one, in mm: a third of its root radius, in two digits; undefined

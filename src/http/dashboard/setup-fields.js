@@ -1,7 +1,7 @@
 // The fields of the asset form: path in the description, label, unit, and the default when empty.
 
 import { usualBore } from "./setup-derived.js";
-import { RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fields.js";
+import { choice, each, RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fields.js";
 
 /** Fields of the gear pair; hidden when there is none. */
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
@@ -113,54 +113,27 @@ export const SETUP_GROUPS = [
           hint: "without backlash",
         },
         { path: "gear.pair.geometry.pressure_angle_deg", label: "Pressure angle", unit: "°", hint: "20" },
-        {
-          path: "gear.pair.geometry.profile_shift.0",
-          label: "Profile shift, driving",
+        ...each("gear.pair.geometry.profile_shift", ["Profile shift, driving", "Profile shift, driven"], {
           unit: "modules",
           hint: "0",
           pairDefault: 0,
-        },
-        {
-          path: "gear.pair.geometry.profile_shift.1",
-          label: "Profile shift, driven",
-          unit: "modules",
-          hint: "0",
-          pairDefault: 0,
-        },
+        }),
       ]),
     ],
     more: {
       title: "Tooth form, material, bearings, wear",
       fields: pair([
         { path: "gear.pair.name", label: "Name of the pair", kind: "text" },
-        {
-          path: "gear.pair.geometry.addendum.0",
-          label: "Addendum, driving",
+        ...each("gear.pair.geometry.addendum", ["Addendum, driving", "Addendum, driven"], {
           unit: "modules",
           hint: "1",
           pairDefault: 1,
-        },
-        {
-          path: "gear.pair.geometry.addendum.1",
-          label: "Addendum, driven",
-          unit: "modules",
-          hint: "1",
-          pairDefault: 1,
-        },
-        {
-          path: "gear.pair.geometry.dedendum.0",
-          label: "Dedendum, driving",
+        }),
+        ...each("gear.pair.geometry.dedendum", ["Dedendum, driving", "Dedendum, driven"], {
           unit: "modules",
           hint: "1.25",
           pairDefault: 1.25,
-        },
-        {
-          path: "gear.pair.geometry.dedendum.1",
-          label: "Dedendum, driven",
-          unit: "modules",
-          hint: "1.25",
-          pairDefault: 1.25,
-        },
+        }),
         {
           path: "gear.pair.material.youngs_modulus_pa",
           label: "Young's modulus",
@@ -184,16 +157,13 @@ export const SETUP_GROUPS = [
           hint: "scaled with the gears",
         },
         { path: "gear.pair.dynamics.mesh_damping_ratio", label: "Mesh damping ratio", hint: "0.5" },
-        {
-          path: "gear.pair.dynamics.contact",
-          label: "Contact rule",
-          kind: "choice",
-          choices: [
-            ["", "Loaded: teeth share the load elastically"],
-            ["loaded", "Loaded"],
-            ["threshold", "Threshold: the paper's rule"],
-          ],
-        },
+        choice(
+          "gear.pair.dynamics.contact",
+          "Contact rule",
+          ["", "Loaded: teeth share the load elastically"],
+          ["loaded", "Loaded"],
+          ["threshold", "Threshold: the paper's rule"],
+        ),
         {
           path: "gear.pair.errors.long_period_um",
           label: "Once-per-turn error",
@@ -206,17 +176,14 @@ export const SETUP_GROUPS = [
           unit: "µm",
           hint: "2.5 per mm of module",
         },
-        {
-          path: "gear.pair.wear.shape",
-          label: "Wear profile",
-          kind: "choice",
-          choices: [
-            ["", "Parabolic: smallest at the pitch point"],
-            ["parabolic", "Parabolic"],
-            ["floor", "Uniform depth"],
-            ["archard", "Archard's law"],
-          ],
-        },
+        choice(
+          "gear.pair.wear.shape",
+          "Wear profile",
+          ["", "Parabolic: smallest at the pitch point"],
+          ["parabolic", "Parabolic"],
+          ["floor", "Uniform depth"],
+          ["archard", "Archard's law"],
+        ),
         {
           path: "gear.pair.wear.pressure_exponent",
           label: "Pressure exponent (Archard)",
@@ -235,22 +202,19 @@ export const SETUP_GROUPS = [
       { path: "bearings.0.roller_diameter_mm", label: "Rolling element diameter", unit: "mm" },
       { path: "bearings.0.pitch_diameter_mm", label: "Pitch diameter", unit: "mm" },
       { path: "bearings.0.contact_angle_deg", label: "Contact angle", unit: "°", hint: "0" },
-      {
-        path: "velocity_zones.machine_class",
-        label: "Velocity zones (ISO 20816)",
-        kind: "choice",
-        choices: [
-          ["", "none"],
-          ["group_1_rigid", "above 300 kW, rigid"],
-          ["group_1_flexible", "above 300 kW, flexible"],
-          ["group_2_rigid", "15 to 300 kW, rigid"],
-          ["group_2_flexible", "15 to 300 kW, flexible"],
-          ["class_1", "class I: up to 15 kW"],
-          ["class_2", "class II: 15 to 75 kW"],
-          ["class_3", "class III: large, rigid"],
-          ["class_4", "class IV: large, flexible"],
-        ],
-      },
+      choice(
+        "velocity_zones.machine_class",
+        "Velocity zones (ISO 20816)",
+        ["", "none"],
+        ["group_1_rigid", "above 300 kW, rigid"],
+        ["group_1_flexible", "above 300 kW, flexible"],
+        ["group_2_rigid", "15 to 300 kW, rigid"],
+        ["group_2_flexible", "15 to 300 kW, flexible"],
+        ["class_1", "class I: up to 15 kW"],
+        ["class_2", "class II: 15 to 75 kW"],
+        ["class_3", "class III: large, rigid"],
+        ["class_4", "class IV: large, flexible"],
+      ),
     ],
     more: {
       title: "Fault frequencies instead of the geometry",
@@ -296,20 +260,11 @@ export const SETUP_GROUPS = [
           kind: "text",
           hint: "that asset's id",
         },
-        {
-          path: "gear.shaft_ratio.0",
-          label: "Ratio to the measured shaft: driving teeth",
-          kind: "integer",
-          hint: "1",
-          pairDefault: 1,
-        },
-        {
-          path: "gear.shaft_ratio.1",
-          label: "Ratio to the measured shaft: driven teeth",
-          kind: "integer",
-          hint: "1",
-          pairDefault: 1,
-        },
+        ...each(
+          "gear.shaft_ratio",
+          ["Ratio to the measured shaft: driving teeth", "Ratio to the measured shaft: driven teeth"],
+          { kind: "integer", hint: "1", pairDefault: 1 },
+        ),
         {
           path: "gear.speed_tolerance",
           label: "Speed search range ±",

@@ -2,7 +2,7 @@
 
 import { h, setText } from "./dom.js";
 import { UNITS, unknownUnitWords } from "./known-units.js";
-import { beyondWords, putAt, tidy, valueAt } from "./settings-fields.js";
+import { beyondWords, putAt, tidy, valueAt } from "./field-values.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 

@@ -3,7 +3,7 @@
 
 import { h } from "./dom.js";
 import { SETUP_FIELDS } from "./setup-fields.js";
-import { valueAt } from "./settings-fields.js";
+import { valueAt } from "./field-values.js";
 
 const LISTS = [
   { path: "bearings", word: "bearing", group: "Bearing and velocity" },

@@ -1,10 +1,13 @@
 // Rarely used fields of a description, folded away in their group.
 
-/** Fields that are set together or not at all, such as values of both gears or the ends of a band. */
-const both = (path, labels, rest) =>
-  labels.map((label, index) => ({ path: `${path}.${index}`, label, together: path, ...rest }));
+/** Fields of a list's values, such as those of both gears. */
+export const each = (path, labels, rest) =>
+  labels.map((label, index) => ({ path: `${path}.${index}`, label, ...rest }));
 
-const choice = (path, label, ...choices) => ({ path, label, kind: "choice", choices });
+/** Fields that are set together or not at all, such as the ends of a band. */
+const both = (path, labels, rest) => each(path, labels, { together: path, ...rest });
+
+export const choice = (path, label, ...choices) => ({ path, label, kind: "choice", choices });
 
 /** Of the gear pair. */
 export const RARE_OF_PAIR = {

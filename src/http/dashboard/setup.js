@@ -6,7 +6,7 @@ import { h, setChildren, setText } from "./dom.js";
 import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
 import { unitList } from "./known-units.js";
-import { reachWords } from "./settings-fields.js";
+import { reachWords } from "./field-values.js";
 import { SETUP_GROUPS } from "./setup-fields.js";
 import { PairGeometry } from "./setup-geometry.js";
 import { SetupInputs } from "./setup-inputs.js";

@@ -1,7 +1,7 @@
 // The live streams of an asset: scope, spectrum and level.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
+import { FramedPage } from "./asset-frame.js";
 import { h, setChildren, setOptions, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, hertz, number, span, unit } from "./format.js";
@@ -31,11 +31,7 @@ function choice(id, label, options, onchange) {
 }
 
 /** The live view of one asset. */
-export class StreamPage {
-  #id;
-  #root;
-  #query;
-  #head;
+export class StreamPage extends FramedPage {
   #feed = null;
   #frame = null;
   #channel = null;
@@ -93,10 +89,7 @@ export class StreamPage {
   #body;
 
   constructor(root, route) {
-    this.#root = root;
-    this.#id = route.id;
-    this.#query = route.query;
-    this.#head = new AssetFrame(route.id, "live");
+    super(root, route, "live");
     this.#spectrum.tools.append(this.#axis.element, this.#log.element, this.#compare.element);
     this.#body = h(
       "div",
@@ -129,8 +122,7 @@ export class StreamPage {
       this.#scope.element,
       this.#spectrum.element,
     );
-    setChildren(root, this.#head.element, this.#body);
-    this.#head.update(route.id, route.query);
+    setChildren(root, this.head.element, this.#body);
   }
 
   #check(id, label, parameter) {
@@ -148,8 +140,8 @@ export class StreamPage {
 
   /** Reacts to a changed address. */
   update(route) {
-    const before = this.#query;
-    this.#query = route.query;
+    const before = this.query;
+    this.query = route.query;
     if (before.stream !== route.query.stream) this.#forget();
     if (before.channel !== route.query.channel) {
       this.#levels = [];
@@ -163,14 +155,10 @@ export class StreamPage {
 
   /** Fetches the streams and the record to compare with. */
   async refresh(signal) {
-    const asset = await api.answer(api.asset(this.#id, signal));
-    if (asset instanceof Error) {
-      this.#forget();
-      return refusal(this.#root, this.#id, asset);
-    }
+    const asset = await this.loadAsset(signal);
+    if (!asset) return this.#forget();
     this.#assetName = assetName(asset);
-    this.#head.update(this.#assetName, this.#query, asset);
-    const streams = await api.answer(api.streams(this.#id, signal));
+    const streams = await api.answer(api.streams(this.id, signal));
     if (streams instanceof Error) return this.#showNotice({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
     this.#showChoices();
@@ -180,7 +168,7 @@ export class StreamPage {
   }
 
   get #name() {
-    const { stream } = this.#query;
+    const { stream } = this.query;
     return stream ?? (this.#names.includes("main") ? "main" : this.#names[0]);
   }
 
@@ -194,7 +182,7 @@ export class StreamPage {
   #follow() {
     this.#feed?.close();
     this.#feed = new StreamFeed(
-      this.#id,
+      this.id,
       this.#name,
       (frame) => this.#take(frame),
       (status) => this.#showNotice(status),
@@ -243,7 +231,7 @@ export class StreamPage {
 
   #take(frame) {
     // The comparison record depends on the channel, whose name has just arrived
-    if (!this.#frame && this.#query.compare === "1") document.dispatchEvent(new CustomEvent("recordschange"));
+    if (!this.#frame && this.query.compare === "1") document.dispatchEvent(new CustomEvent("recordschange"));
     this.#frame = frame;
     const before = this.#channel?.name;
     this.#channel = this.#chosen(frame);
@@ -264,7 +252,7 @@ export class StreamPage {
     if (!Number.isFinite(last)) return;
     try {
       const from = new Date(last - 1000 * TREND_S).toISOString();
-      const { items } = await api.streamLevels(this.#id, name, from);
+      const { items } = await api.streamLevels(this.id, name, from);
       if (name !== this.#name || frame.channels[channel].name !== this.#channel?.name) return;
       const recalled = items
         .map(({ time, rms, peak }) => ({
@@ -280,11 +268,11 @@ export class StreamPage {
   }
 
   #chosen({ channels }) {
-    return channels.find(({ name }) => name === this.#query.channel) ?? channels[0];
+    return channels.find(({ name }) => name === this.query.channel) ?? channels[0];
   }
 
   #showChoices() {
-    const { axis, slog, compare, keep } = this.#query;
+    const { axis, slog, compare, keep } = this.query;
     setOptions(
       this.#stream.select,
       this.#names.map((name) => [name, name]),
@@ -307,13 +295,13 @@ export class StreamPage {
 
   /** Fetches the spectrum of the latest record, if wanted and possibly changed. */
   async #compareWith(signal) {
-    if (this.#query.compare !== "1") {
+    if (this.query.compare !== "1") {
       this.#record = null;
       return;
     }
     const channel = this.#channel?.name;
     if (!channel) return;
-    const page = await api.answer(api.recordsPage(this.#id, { channel, limit: 1, order: "desc" }, signal));
+    const page = await api.answer(api.recordsPage(this.id, { channel, limit: 1, order: "desc" }, signal));
     const [segment] = page instanceof Error ? [] : page.items;
     if (!segment) {
       this.#record = null;
@@ -354,7 +342,7 @@ export class StreamPage {
     const latest = () => drawing(this.#frame, this.#channel);
     await card.show(
       () => ({ ...latest(), table: () => latest().table() }),
-      `${this.#id}-live-${which}`,
+      `${this.id}-live-${which}`,
       () => `${this.#assetName} · ${this.#channel.name} · ${clock(this.#frame.time)}`,
     );
     this.#drawnAs[which] = drawn;
@@ -378,8 +366,8 @@ export class StreamPage {
           : "Not enough samples for a spectrum yet.",
       );
     }
-    const inOrders = this.#query.axis === "orders" && Boolean(frame.shaft_speed_hz);
-    const logarithmic = this.#query.slog === "1";
+    const inOrders = this.query.axis === "orders" && Boolean(frame.shaft_speed_hz);
+    const logarithmic = this.query.slog === "1";
     const record = this.#record?.spectrum.unit === frame.unit ? this.#record : null;
     const range = this.#amplitudes(channel, record, logarithmic);
     const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, sample_rate_hz: rate, samples } = frame;
@@ -444,7 +432,7 @@ export class StreamPage {
     this.#keep.disabled = true;
     setText(this.#saveStatus, "Saving…");
     try {
-      const saved = await api.answer(api.keepStream(this.#id, this.#name, seconds));
+      const saved = await api.answer(api.keepStream(this.id, this.#name, seconds));
       if (saved instanceof Error) return setText(this.#saveStatus, `Saving failed: ${saved.message}`);
       const rate = this.#frame?.sample_rate_hz;
       const length = rate ? `${number(saved.samples / rate, 3)} s` : `${saved.samples} samples`;
@@ -453,7 +441,7 @@ export class StreamPage {
       const segment = await this.#find(saved, channel);
       if (!segment)
         return setText(this.#saveStatus, `${what}. It is still being stored and will appear under Records.`);
-      const href = format({ page: "asset", id: this.#id, query: { channel, segment: segment.id } });
+      const href = format({ page: "asset", id: this.id, query: { channel, segment: segment.id } });
       setChildren(this.#saveStatus, `${what}. `, h("a", { href }, "Open record"));
     } catch (error) {
       setText(this.#saveStatus, `Saving failed: ${error.message}`);
@@ -466,7 +454,7 @@ export class StreamPage {
   async #find({ start_time: time, samples }, channel) {
     for (let look = 0; look < FIND_TIMES; look++) {
       await new Promise((resolve) => setTimeout(resolve, look ? FIND_MS : 150));
-      const page = await api.answer(api.recordsPage(this.#id, { channel, from: time, limit: 10 }));
+      const page = await api.answer(api.recordsPage(this.id, { channel, from: time, limit: 10 }));
       if (page instanceof Error) continue;
       const found = page.items.find((item) => item.start_time === time && item.samples === samples);
       if (found) return found;

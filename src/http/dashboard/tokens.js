@@ -1,7 +1,7 @@
 // The tokens of the service: created, shown once, and revoked.
 
 import * as api from "./api.js";
-import { h, setChildren, setText } from "./dom.js";
+import { h, setChildren, setText, tableHead } from "./dom.js";
 import { clock } from "./format.js";
 import { KeyedRows } from "./keyed-rows.js";
 
@@ -43,17 +43,7 @@ export class TokensPage {
   #table = h(
     "table",
     { hidden: true },
-    h(
-      "thead",
-      {},
-      h(
-        "tr",
-        {},
-        ["Name", "Scope", "Created", "Identifier", ""].map((text) =>
-          text ? h("th", { scope: "col" }, text) : h("td", {}),
-        ),
-      ),
-    ),
+    tableHead(["Name", "Scope", "Created", "Identifier", h("td")]),
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading tokens…");

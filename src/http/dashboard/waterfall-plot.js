@@ -1,7 +1,7 @@
 // Draws a waterfall: one row of cells per record, coloured by level.
 
 import { clock, count, number, span, unit } from "./format.js";
-import { palette } from "./plots.js";
+import { horizontalLine, palette } from "./plots.js";
 import { written, zoneName } from "./time-zone.js";
 
 // Dark to bright in even lightness steps, for any colour vision (after viridis)
@@ -49,15 +49,7 @@ function gapsOf(items) {
 
 /** Marks of pauses: a line between two rows, with its length. */
 const gapMarks = (gaps, colour) => ({
-  shapes: gaps.map(({ row }) => ({
-    type: "line",
-    xref: "paper",
-    x0: 0,
-    x1: 1,
-    y0: row,
-    y1: row,
-    line: { color: colour.surface, width: 3 },
-  })),
+  shapes: gaps.map(({ row }) => horizontalLine(row, { color: colour.surface, width: 3 })),
   annotations: gaps.map(({ row, seconds }) => ({
     xref: "paper",
     x: 1,
@@ -153,20 +145,7 @@ export function waterfallDrawing(
     ? Array.from({ length: 12 }, (_, n) => (n + 1) * mesh).filter((x) => x <= position.at(-1))
     : [];
   const row = known.findIndex((item) => item.segment_id === selected);
-  const shapes =
-    row < 0
-      ? []
-      : [
-          {
-            type: "line",
-            xref: "paper",
-            x0: 0,
-            x1: 1,
-            y0: row,
-            y1: row,
-            line: { color: "#ffffff", width: 1.5, dash: "dot" },
-          },
-        ];
+  const shapes = row < 0 ? [] : [horizontalLine(row, { color: "#ffffff", width: 1.5, dash: "dot" })];
   // Only some labels are written where they would overlap
   const width = matchMedia("(max-width: 40rem)").matches ? 200 : 800;
   const every = mesh ? Math.ceil(26 / ((mesh / position.at(-1)) * width)) : 1;

@@ -1,13 +1,12 @@
 // Spectra over an asset's life as a heat map; a click on a row opens its record.
 
 import * as api from "./api.js";
-import { AssetFrame, refusal } from "./asset-frame.js";
+import { FramedPage } from "./asset-frame.js";
 import { BearingPanel, firstBearing } from "./bearing-panel.js";
 import { CursorChoice } from "./bench-tools.js";
 import { CursorLayer } from "./cursor.js";
 import { cursorOf, formatCursor } from "./cursor-lines.js";
 import { withCursor } from "./cursor-picture.js";
-import { assetName } from "./fleet-row.js";
 import { h, setChildren, setText } from "./dom.js";
 import { lifeOrigin, lifeSpan, lifeSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
@@ -20,11 +19,7 @@ const RECORDS = 600;
 const CELLS = 500;
 
 /** The waterfall of one asset. */
-export class WaterfallPage {
-  #id;
-  #root;
-  #query;
-  #frame;
+export class WaterfallPage extends FramedPage {
   #card = new PlotCard("waterfall", "Spectra over time");
   #axis = h(
     "select",
@@ -61,10 +56,7 @@ export class WaterfallPage {
   #asset;
 
   constructor(root, route) {
-    this.#root = root;
-    this.#id = route.id;
-    this.#query = route.query;
-    this.#frame = new AssetFrame(route.id, "waterfall");
+    super(root, route, "waterfall");
     const field = (input, label) => h("label", { class: "check", for: input.id }, label, input);
     this.#card.frame.append(this.#label);
     this.#card.tools.append(
@@ -79,14 +71,13 @@ export class WaterfallPage {
       true,
     );
     this.#card.frame.before(this.#bearing.element, this.#cursor.readout);
-    setChildren(root, this.#frame.element, this.#card.element);
-    this.#frame.update(route.id, route.query);
+    setChildren(root, this.head.element, this.#card.element);
   }
 
   /** Reacts to a changed address. */
   update(route) {
-    const before = this.#query;
-    this.#query = route.query;
+    const before = this.query;
+    this.query = route.query;
     const isSame = ["axis", "max", "channel", "segment"].every((key) => before[key] === route.query[key]);
     if (isSame && this.#shown) {
       if (before.floor === route.query.floor) this.#showCursor();
@@ -99,16 +90,15 @@ export class WaterfallPage {
 
   /** Fetches the data; spectra only when some may have been added. */
   async refresh(signal) {
-    const asset = await api.answer(api.asset(this.#id, signal));
-    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
-    const { axis, max, channel } = this.#query;
+    const asset = await this.loadAsset(signal);
+    if (!asset) return;
+    const { axis, max, channel } = this.query;
     const asked = JSON.stringify([axis, max, channel]);
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
-    this.#frame.update(assetName(asset), this.#query, asset);
     if (asked === this.#asked && same) return;
     if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
     const answer = await api.answer(
-      api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
+      api.waterfall(this.id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
     );
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
@@ -123,12 +113,12 @@ export class WaterfallPage {
   /** Redraws from known data. */
   async redraw() {
     if (!this.#shown) return;
-    this.#floor.value = this.#query.floor ?? "";
-    const [shown, asset, floor] = [this.#shown, this.#asset, Number(this.#query.floor) || 60];
-    const make = () => waterfallDrawing(shown, floor, this.#query.segment, `${this.#id} ${this.#asked}`);
+    this.#floor.value = this.query.floor ?? "";
+    const [shown, asset, floor] = [this.#shown, this.#asset, Number(this.query.floor) || 60];
+    const make = () => waterfallDrawing(shown, floor, this.query.segment, `${this.id} ${this.#asked}`);
     const drawing = await this.#card.show(
       (isPicture) => (isPicture ? withCursor(make(), this.#cursorOf(), shown.position.at(-1), true) : make()),
-      `${this.#id}-waterfall-${lifeSpan(shown.items)}`,
+      `${this.id}-waterfall-${lifeSpan(shown.items)}`,
       () => lifeSubject(asset, shown.channel, shown.items),
       () => lifeOrigin(asset, shown.channel, shown.items),
     );
@@ -140,16 +130,16 @@ export class WaterfallPage {
 
   /** The cursor of the address; null for none. */
   #cursorOf(spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0])) {
-    return spectrum && cursorOf(this.#query, spectrum);
+    return spectrum && cursorOf(this.query, spectrum);
   }
 
   /** Shows the address's cursor over the plot; it reads the latest record. */
   #showCursor() {
     const spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0]);
-    this.#choice.show(this.#query, spectrum, firstBearing(this.#asset));
-    this.#bearing.element.hidden = this.#query.cursor !== "b";
+    this.#choice.show(this.query, spectrum, firstBearing(this.#asset));
+    this.#bearing.element.hidden = this.query.cursor !== "b";
     const shaft = this.#shown.axis === "orders" ? null : (spectrum?.shaft_speed_hz ?? undefined);
-    this.#bearing.show(this.#query, [this.#asset], shaft);
+    this.#bearing.show(this.query, [this.#asset], shaft);
     this.#cursor.show(this.#cursorOf(spectrum), spectrum);
   }
 
@@ -176,7 +166,7 @@ export class WaterfallPage {
     plot.on("plotly_unhover", () => (this.#label.hidden = true));
     plot.on("plotly_click", (event) => {
       const { segment } = cell(event) ?? {};
-      if (segment) go({ page: "asset", id: this.#id, query: { channel: this.#query.channel, segment } });
+      if (segment) go({ page: "asset", id: this.id, query: { channel: this.query.channel, segment } });
     });
   }
 

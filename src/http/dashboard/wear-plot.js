@@ -6,7 +6,7 @@ import { depth } from "./format.js";
 import { hindsightLines } from "./hindsight.js";
 import { inspectionMarks } from "./inspection.js";
 import { eventMarks, eventsOn, wordsAt } from "./life-events.js";
-import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
+import { horizontalLine, palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The outline of a band: one closed polygon per run of records that have both edges. */
 function bandOutline(items, low, high) {
@@ -39,15 +39,7 @@ function limitLine(name, value, colour, dash, ends, isLimit) {
     opacity: 0,
     hoverinfo: "skip",
   };
-  const shape = {
-    type: "line",
-    xref: "paper",
-    x0: 0,
-    x1: 1,
-    y0: value,
-    y1: value,
-    line: { color: colour, width: 1.5, dash },
-  };
+  const shape = horizontalLine(value, { color: colour, width: 1.5, dash });
   const text = `${name} ${depth(value)} µm`;
   const annotation = {
     text,
