@@ -26,8 +26,11 @@ const BASELINE: u32 = 20;
 /// Greatest relative deviation of the speed from nominal.
 const SPEED_TOLERANCE: f64 = 0.05;
 
+/// A row of truth.csv.
 #[derive(Deserialize)]
 struct Truth {
+    /// Name of its WAV file, if the table has this column.
+    file: Option<String>,
     wear_um: f64,
 }
 
@@ -269,27 +272,10 @@ fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, 
         .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
         .collect();
     files.sort();
-    let mut table = csv::Reader::from_path(folder.join(TRUTH_FILE_NAME))
-        .map_err(|error| failed(format!("truth.csv: {error}")))?;
-    let truth: Vec<f64> = table
-        .deserialize()
-        .map(|row| row.map(|Truth { wear_um }| wear_um))
-        .collect::<Result<_, _>>()
-        .map_err(|error| failed(format!("truth.csv: {error}, expected a column wear_um")))?;
-    if let Some(row) = truth.iter().position(|um| !(*um >= 0.0 && um.is_finite())) {
-        let (line, um) = (row + 1, truth[row]);
-        return Err(failed(format!("truth.csv: wear_um of row {line} is {um}, expected a depth from 0 µm")));
-    }
-    if files.len() != truth.len() {
-        return Err(failed(format!(
-            "{} WAV files and {} rows in truth.csv, expected equal numbers",
-            files.len(),
-            truth.len()
-        )));
-    }
+    let depths_um = read_truth(folder, &files).map_err(|error| failed(format!("truth.csv: {error}")))?;
     let records: Vec<Vec<Observation>> = files
         .par_iter()
-        .zip(truth)
+        .zip(depths_um)
         .map_init(
             || Analyzer::new(AnalysisSettings::default()),
             |analyzer, (path, wear_um)| analyse(analyzer, path, wear_um, pair),
@@ -310,6 +296,38 @@ fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, 
     };
     let channels = channels.into_iter().enumerate();
     Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
+}
+
+/// Reads the true depth of each file from truth.csv, whose rows name their files, or else are in the same order.
+fn read_truth(folder: &Path, files: &[PathBuf]) -> Result<Vec<f64>, String> {
+    let mut table =
+        csv::Reader::from_path(folder.join(TRUTH_FILE_NAME)).map_err(|error| error.to_string())?;
+    let rows: Vec<Truth> = table
+        .deserialize()
+        .collect::<Result<_, _>>()
+        .map_err(|error| format!("{error}, expected a column wear_um"))?;
+    let names_files = rows.iter().any(|row| row.file.is_some());
+    let mut by_file = BTreeMap::new();
+    for (row, Truth { file, wear_um }) in (1..).zip(&rows) {
+        if !(*wear_um >= 0.0 && wear_um.is_finite()) {
+            return Err(format!("wear_um of row {row} is {wear_um}, expected a depth from 0 µm"));
+        }
+        let file = file.as_deref().unwrap_or_default();
+        let path = folder.join(file);
+        if names_files && (files.binary_search(&path).is_err() || by_file.insert(path, *wear_um).is_some()) {
+            return Err(format!(
+                "file of row {row} is {file:?}, expected a WAV file of the folder, each once"
+            ));
+        }
+    }
+    if files.len() != rows.len() {
+        return Err(format!("{} rows and {} WAV files, expected equal numbers", rows.len(), files.len()));
+    }
+    Ok(if names_files {
+        by_file.into_values().collect()
+    } else {
+        rows.iter().map(|row| row.wear_um).collect()
+    })
 }
 
 /// Analyses the first record of each channel of a file.
@@ -400,6 +418,24 @@ mod tests {
             let error = read(folder.path(), "run", &pair).unwrap_err().to_string();
             assert!(error.contains(&format!("wear_um of row 2 is {wrong}")), "{error}");
         }
+    }
+
+    #[test]
+    fn the_rows_of_the_truth_are_found_by_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a.wav", "b.wav", "c.wav"].map(|name| folder.path().join(name));
+        let read = |table: &str| {
+            std::fs::write(folder.path().join("truth.csv"), table).unwrap();
+            read_truth(folder.path(), &files)
+        };
+        assert_eq!(read("wear_um,file\n2,c.wav\n0,a.wav\n1,b.wav\n").unwrap(), [0.0, 1.0, 2.0]);
+        assert_eq!(read("record,wear_um\n0,2\n1,0\n2,1\n").unwrap(), [2.0, 0.0, 1.0]);
+        for wrong in ["none.wav", "a.wav", ""] {
+            let error = read(&format!("file,wear_um\na.wav,0\n{wrong},1\nc.wav,2\n")).unwrap_err();
+            assert!(error.contains(&format!("file of row 2 is {wrong:?}")), "{error}");
+        }
+        let error = read("file,wear_um\na.wav,0\nc.wav,2\n").unwrap_err();
+        assert!(error.contains("2 rows and 3 WAV files"), "{error}");
     }
 
     #[test]
