@@ -30,6 +30,12 @@ fn options_that_would_be_ignored_are_errors() {
     for (words, expected) in [
         (&["evaluate", "--recorded", "run.wav", "--out", "scores.html"][..], "--out"),
         (&["evaluate", "--leave-one-out", "2", "--seed", "7"], "--seed"),
+        (&["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--gap", "3"], "--gap"),
+        (
+            &["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--inspection-um", "5"],
+            "--inspection-um",
+        ),
+        (&["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--limit-um", "100"], "--limit-um"),
         (&["quarantine", "restore", "one.wav", "--all"], "--all"),
         (&["stream", "--asset", "a", "--follow"], "--follow is given without a file"),
         (

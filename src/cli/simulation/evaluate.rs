@@ -97,7 +97,7 @@ pub(in crate::cli) struct EvaluateArgs {
     ///
     /// An object with a list for each run. The list has an element per record: [median, lower end, upper
     /// end of the 90 % interval] in µm, or null.
-    #[arg(long, value_name = "FILE", requires = "recorded")]
+    #[arg(long, value_name = "FILE", requires = "recorded", conflicts_with_all = ["gap", "inspection_um", "limit_um"])]
     answers: Option<PathBuf>,
     /// With --recorded: print JSON
     #[arg(long, requires = "recorded")]
