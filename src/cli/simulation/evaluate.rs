@@ -133,20 +133,10 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     let ensembles = Ensembles::new(&args.data_dir, args.members);
     let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um, limit_um: args.limit_um };
     if let Some(count) = args.leave_one_out {
-        if count == 0 || args.members < 2 * VARIANTS {
-            return Err(CliError::Argument(format!(
-                "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
-                args.members,
-                2 * VARIANTS
-            )));
-        }
-        if !(2..=MAX_LEFT_OUT_RECORDS).contains(&args.wear_records) {
-            return Err(CliError::Argument(format!(
-                "--wear-records is {}, expected 2 to {MAX_LEFT_OUT_RECORDS}",
-                args.wear_records
-            )));
-        }
+        check_left_out(count, args.members.div_ceil(VARIANTS), args)?;
         let ensemble = ensembles.of(&pair)?;
+        // Pairs that the model refuses are not among its members.
+        check_left_out(count, ensemble.groups(), args)?;
         let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };
         return recorded_runs::run_members(&ensemble, count, plan, options);
     }
@@ -189,6 +179,26 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     output::print(&single_indicators(&scores))?;
     if let Some(path) = &args.out {
         output::write_file(path, page(&scores, &settings).as_bytes())?;
+    }
+    Ok(())
+}
+
+/// Checks the options of runs of members that are left out: at most one of each of `groups` but one.
+fn check_left_out(count: usize, groups: usize, args: &EvaluateArgs) -> Result<(), CliError> {
+    let members = args.members;
+    if groups < 2 {
+        let given = format!("{members} ({})", output::counted(groups as u64, "group"));
+        let expected = format!("at least 2 groups of {VARIANTS} with --leave-one-out");
+        return Err(CliError::argument("--members", given, expected));
+    }
+    let most = groups - 1;
+    if !(1..=most).contains(&count) {
+        let expected = format!("at least 1 and at most {most} with --members {members}");
+        return Err(CliError::argument("--leave-one-out", count, expected));
+    }
+    if !(2..=MAX_LEFT_OUT_RECORDS).contains(&args.wear_records) {
+        let expected = format!("2 to {MAX_LEFT_OUT_RECORDS}");
+        return Err(CliError::argument("--wear-records", args.wear_records, expected));
     }
     Ok(())
 }
