@@ -1,5 +1,6 @@
 //! Errors of the service layer.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use thiserror::Error;
@@ -34,7 +35,7 @@ pub enum ServiceError {
         /// Its value.
         value: String,
         /// What was expected.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// The asset's description changed repeatedly while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
