@@ -76,7 +76,7 @@ fn contents(
                 return Err(RecordingError::Field {
                     field: "the number of samples",
                     value: format!("above {MAX_SAMPLES}"),
-                    expected: "a shorter recording",
+                    expected: "a shorter recording".into(),
                 });
             }
             for (column, &sample) in columns.iter_mut().zip(&frame) {

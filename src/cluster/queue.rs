@@ -43,7 +43,7 @@ impl Queue {
         let payload = message::encode(record).map_err(|error| ServiceError::Field {
             field: "record",
             value: error.to_string(),
-            expected: "one that fits into a message",
+            expected: "one that fits into a message".into(),
         })?;
         let message = PublishMessage::build().payload(payload).message_id(message_id(record));
         let subject = Source::subject_of(&record.note.asset_id, &record.note.channel, &self.connection);

@@ -314,7 +314,7 @@ impl From<ServiceError> for Problem {
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
             ServiceError::Recording(ref source) => Self::of_record(source),
             ServiceError::TooManyRecords(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
+            ServiceError::Field { field, value, expected } => Self::content(field, value, &expected),
             ServiceError::StoredWith { field, ref value, .. } => {
                 let mut problem = Self::new(StatusCode::CONFLICT, error.to_string());
                 problem.0.field = Some(field.to_string());

@@ -1,5 +1,6 @@
 //! Errors of the service layer.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use thiserror::Error;
@@ -34,7 +35,7 @@ pub enum ServiceError {
         /// Its value.
         value: String,
         /// What was expected.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// The same bytes are stored for the same channel and time with another value of a field.
     #[error("{field} is {value}, but the record is stored with {stored}: delete it before you send it again")]

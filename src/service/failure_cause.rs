@@ -51,8 +51,11 @@ mod tests {
 
     #[test]
     fn only_proven_causes_are_attributed_to_the_record() {
-        let field =
-            ServiceError::Field { field: "start_time", value: "yesterday".to_owned(), expected: "a time" };
+        let field = ServiceError::Field {
+            field: "start_time",
+            value: "yesterday".to_owned(),
+            expected: "a time".into(),
+        };
         let queued_otherwise = ServiceError::QueuedRecordMismatch {
             found: SegmentId("a".to_owned()),
             expected: SegmentId("b".to_owned()),

@@ -102,8 +102,8 @@ impl ReplayValues {
     /// # Errors
     /// [`ServiceError::Field`].
     pub(crate) fn check(&self) -> Result<(), ServiceError> {
-        let wrong = |field, value: f64, expected| {
-            Err(ServiceError::Field { field, value: value.to_string(), expected })
+        let wrong = |field, value: f64, expected: &'static str| {
+            Err(ServiceError::Field { field, value: value.to_string(), expected: expected.into() })
         };
         let is_positive = |value: &f64| *value > 0.0 && value.is_finite();
         match *self {

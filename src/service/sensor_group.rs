@@ -77,9 +77,9 @@ pub(crate) async fn check_sensor(
     spec: &AssetSpec,
     before: Option<&AssetSpec>,
 ) -> Result<(), ServiceError> {
-    let refuse = |expected: &'static str| {
+    let refuse = |expected: &str| {
         let value = spec.sensor.of.as_ref().map_or("not given".to_owned(), AssetId::to_string);
-        Err(ServiceError::Field { field: "sensor.of", value, expected })
+        Err(ServiceError::Field { field: "sensor.of", value, expected: expected.to_owned().into() })
     };
     if let Some(before) = before
         && before.sensor.of != spec.sensor.of
@@ -98,7 +98,7 @@ pub(crate) async fn check_sensor(
         return refuse("an asset with a sensor of its own, not one that shares another sensor");
     }
     if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {
-        return refuse("an asset whose sensor is shared by fewer than 8 meshes");
+        return refuse(&format!("an asset whose sensor is shared by fewer than {MAX_ON_ONE_SENSOR} meshes"));
     }
     if before.is_none() {
         return Ok(());

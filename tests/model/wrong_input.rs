@@ -30,6 +30,12 @@ fn options_that_would_be_ignored_are_errors() {
     for (words, expected) in [
         (&["evaluate", "--recorded", "run.wav", "--out", "scores.html"][..], "--out"),
         (&["evaluate", "--leave-one-out", "2", "--seed", "7"], "--seed"),
+        (&["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--gap", "3"], "--gap"),
+        (
+            &["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--inspection-um", "5"],
+            "--inspection-um",
+        ),
+        (&["evaluate", "--recorded", "run.wav", "--answers", "a.json", "--limit-um", "100"], "--limit-um"),
         (&["quarantine", "restore", "one.wav", "--all"], "--all"),
         (&["stream", "--asset", "a", "--follow"], "--follow is given without a file"),
         (
@@ -57,7 +63,15 @@ fn an_error_names_the_option_its_value_and_what_was_expected() {
         (&["simulate", "--out", "run.mcap", "--rate", "-5"][..], "--rate is -5, expected a rate"),
         (&["simulate", "--out", "run.mcap", "--interval", "0"], "--interval is 0, expected a time above 0 s"),
         (&["library", "build", "--rate", "5"], "--rate is 5, expected a rate"),
-        (&["evaluate", "--leave-one-out", "0"], "--leave-one-out is 0"),
+        (&["evaluate", "--leave-one-out", "0"], "--leave-one-out is 0, expected at least 1 and at most 319"),
+        (
+            &["evaluate", "--leave-one-out", "3", "--members", "8"],
+            "--leave-one-out is 3, expected at least 1 and at most 1 with --members 8",
+        ),
+        (
+            &["evaluate", "--leave-one-out", "1", "--members", "4"],
+            "--members is 4 (1 group), expected at least 2 groups of 4 with --leave-one-out",
+        ),
         (&["evaluate", "--leave-one-out", "1", "--wear-records", "0"], "--wear-records is 0"),
         (&["convert", "x.csv", "x.mcap", "--unit", ""], "--unit is empty"),
         (&["stream", "x.raw", "--asset", "a", "--start-time", "2026-01-01"], time),

@@ -71,6 +71,19 @@ fn metrics_show_the_latest_record_of_each_channel() {
     assert_eq!(rms(&service), all_but_fan(&service));
 }
 
+#[test]
+fn an_unknown_indicator_is_refused() {
+    let service = Service::start();
+    let machines = |indicators: &str| service.get(&format!("/metrics/machines?indicators={indicators}"));
+    machines("rmss").expect_problem(400, &["indicators", "rmss", "rms"]);
+    machines("rms,band_low").expect_problem(400, &["band_low"]);
+    let asset = json!({ "id": "fan", "shaft": {}, "bands": [{ "name": "low", "band_hz": [10, 100] }] });
+    service.post_json("/v1/assets", &asset).expect(201);
+    for known in ["rms,band_low", "fm4", ""] {
+        machines(known).expect(200);
+    }
+}
+
 fn all_but_fan(service: &Service) -> [(String, String, f64); 2] {
     ["a", "b"].map(|channel| by_segment(service, "pump", channel))
 }

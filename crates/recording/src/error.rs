@@ -119,7 +119,7 @@ pub enum RecordingError {
         /// The value.
         value: String,
         /// The expected value.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// The samples do not form a valid record.
     #[error("{0}")]
@@ -219,8 +219,8 @@ pub enum RecordingError {
 
 impl RecordingError {
     /// Creates the error for an invalid field, with its value shortened for the message.
-    pub fn field(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
-        Self::Field { field, value: shortened(&value.to_string()), expected }
+    pub fn field(field: &'static str, value: impl ToString, expected: impl Into<Cow<'static, str>>) -> Self {
+        Self::Field { field, value: shortened(&value.to_string()), expected: expected.into() }
     }
 
     /// Returns the conversion of decoding errors of this protobuf message.

@@ -40,6 +40,7 @@ impl Record {
                 channel: self.channel().to_owned(),
                 found: self.unit().to_owned(),
                 expected: unit.to_owned(),
+                is_acceleration: in_m_s2(unit).is_some(),
             });
         };
         self.scaled(factor, unit)
@@ -74,6 +75,7 @@ mod tests {
         for (from, to) in [("V", "m/s2"), ("m/s2", "V"), ("1", "g")] {
             let error = record(from).in_unit(to).unwrap_err().to_string();
             assert!(error.contains(from) && error.contains(to), "{error}");
+            assert_eq!(error.contains("converts to it"), to != "V", "{error}");
         }
         let great = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![f32::MAX]).unwrap();
         assert!(matches!(great.in_unit("m/s2"), Err(RecordError::NotFinite { .. })));

@@ -144,7 +144,8 @@ pub enum RecordError {
     },
     /// A unit that cannot be converted to the expected one.
     #[error(
-        "unit of channel {channel:?} is {found:?}, expected {expected:?} as in its other records, or a unit that converts to it (m/s2, mm/s2, g, mg)"
+        "unit of channel {channel:?} is {found:?}, expected {expected:?} as described or as in its other records{others}",
+        others = if *is_acceleration { ", or a unit that converts to it (m/s2, mm/s2, g, mg)" } else { "" }
     )]
     Unit {
         /// Name of the channel.
@@ -153,6 +154,8 @@ pub enum RecordError {
         found: String,
         /// Expected unit.
         expected: String,
+        /// Whether it is a unit of acceleration, to which others convert.
+        is_acceleration: bool,
     },
     /// A sampling rate outside the accepted range.
     #[error("sample_rate_hz is {0}, expected a number from {MIN_SAMPLE_RATE_HZ} to {MAX_SAMPLE_RATE_HZ}")]

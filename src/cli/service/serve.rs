@@ -1,9 +1,11 @@
 //! `flankwatch serve`: runs the service.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::NonZeroU32;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -108,31 +110,68 @@ struct RetentionTable {
 /// Interval of the old results that are kept, in seconds.
 const OLD_RESULTS_INTERVAL_S: u32 = 3600;
 
-/// The table `limits` of the settings file.
+/// The table `limits` of the settings file: how each given limit is set, and to what.
 #[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct LimitsTable {
-    record_bytes: Option<usize>,
-    recording_bytes: Option<u64>,
-    uploads_at_once: Option<u32>,
-    bytes_at_once: Option<usize>,
-    requests_at_once: Option<usize>,
-    recordings_at_once: Option<usize>,
-    workers: Option<usize>,
-    simulation_threads: Option<usize>,
-    body_timeout_s: Option<u64>,
-    body_idle_s: Option<u64>,
-    body_bytes_per_s: Option<u64>,
-    request_timeout_s: Option<u64>,
-    grace_s: Option<u64>,
-    connections: Option<usize>,
-    header_bytes: Option<usize>,
-    header_timeout_s: Option<u64>,
-    write_timeout_s: Option<u64>,
-    requests_per_s: Option<NonZeroU32>,
-    streams: Option<usize>,
-    events_kept: Option<usize>,
-    start_time_ahead_s: Option<u64>,
+#[serde(try_from = "BTreeMap<String, u64>")]
+struct LimitsTable(Vec<(SetLimit, u64)>);
+
+type SetLimit = fn(&mut ServiceConfig, u64);
+
+/// Ranges of limits. The bounds above keep sums and products of limits from overflowing.
+const BYTES: RangeInclusive<u64> = 1..=1 << 50;
+const COUNT: RangeInclusive<u64> = 1..=u32::MAX as u64;
+const SECONDS: RangeInclusive<u64> = 1..=1_000_000_000;
+const SECONDS_OR_NONE: RangeInclusive<u64> = 0..=1_000_000_000;
+
+/// The least that the memory of records is counted in, and the HTTP library's minimum of a request's head.
+const AT_LEAST_1_KIB: RangeInclusive<u64> = 1024..=1 << 50;
+const AT_LEAST_8_KIB: RangeInclusive<u64> = 8192..=1 << 50;
+
+/// Key, range and effect of each limit.
+const LIMITS: [(&str, RangeInclusive<u64>, SetLimit); 21] = [
+    ("record_bytes", BYTES, |config, n| config.http.record_bytes = n as usize),
+    ("recording_bytes", BYTES, |config, n| config.http.recording_bytes = n),
+    ("uploads_at_once", COUNT, |config, n| config.http.uploads_at_once = n as u32),
+    ("bytes_at_once", AT_LEAST_1_KIB, |config, n| config.work.bytes_at_once = n as usize),
+    ("requests_at_once", COUNT, |config, n| config.work.requests_at_once = n as usize),
+    ("recordings_at_once", COUNT, |config, n| config.work.recordings_at_once = n as usize),
+    ("workers", COUNT, |config, n| config.work.workers = n as usize),
+    ("simulation_threads", COUNT, |config, n| config.work.simulation_threads = n as usize),
+    ("connections", COUNT, |config, n| config.http.connections = n as usize),
+    ("header_bytes", AT_LEAST_8_KIB, |config, n| config.http.header_bytes = n as usize),
+    ("header_timeout_s", SECONDS, |config, n| config.http.header_timeout = Duration::from_secs(n)),
+    ("body_timeout_s", SECONDS, |config, n| config.http.body_timeout = Duration::from_secs(n)),
+    ("request_timeout_s", SECONDS, |config, n| config.http.request_timeout = Duration::from_secs(n)),
+    ("write_timeout_s", SECONDS, |config, n| config.http.write_timeout = Duration::from_secs(n)),
+    ("body_idle_s", SECONDS, |config, n| config.http.body_idle = Duration::from_secs(n)),
+    ("body_bytes_per_s", 0..=u32::MAX as u64, |config, n| config.http.body_bytes_per_s = n),
+    ("requests_per_s", COUNT, |config, n| {
+        config.http.requests_per_s = NonZeroU32::new(n as u32).unwrap_or(NonZeroU32::MIN);
+    }),
+    ("streams", COUNT, |config, n| config.work.streams_at_once = n as usize),
+    ("events_kept", COUNT, |config, n| config.http.events_kept = n as usize),
+    ("grace_s", SECONDS_OR_NONE, |config, n| config.http.grace = Duration::from_secs(n)),
+    ("start_time_ahead_s", SECONDS_OR_NONE, |config, n| {
+        config.work.start_time_ahead = Duration::from_secs(n)
+    }),
+];
+
+impl TryFrom<BTreeMap<String, u64>> for LimitsTable {
+    type Error = SettingError;
+
+    fn try_from(given: BTreeMap<String, u64>) -> Result<Self, SettingError> {
+        let limit = |(key, number): (String, u64)| {
+            let wrong = |expected| SettingError::new(format!("limits.{key}"), number, expected);
+            let Some((_, range, set)) = LIMITS.iter().find(|(known, ..)| *known == key) else {
+                return Err(wrong(format!("one of the keys {}", LIMITS.map(|(known, ..)| known).join(", "))));
+            };
+            if !range.contains(&number) {
+                return Err(wrong(format!("a whole number from {} to {}", range.start(), range.end())));
+            }
+            Ok((*set, number))
+        };
+        given.into_iter().map(limit).collect::<Result<_, _>>().map(Self)
+    }
 }
 
 impl ServeArgs {
@@ -157,7 +196,7 @@ impl ServeArgs {
         };
         config.insecure_no_tokens = self.insecure_no_tokens || file.insecure_no_tokens;
         config.host_names = if self.host_name.is_empty() { file.host_names } else { self.host_name.clone() };
-        file.limits.apply(&mut config);
+        file.limits.0.iter().for_each(|(set, number)| set(&mut config, *number));
         config.work.quotas = RawQuotas {
             bytes: file.retention.raw_bytes,
             bytes_per_asset: file.retention.raw_bytes_per_asset,
@@ -218,38 +257,6 @@ impl ConfigFile {
 fn without_its_pair(field: &str) -> SettingError {
     let expected = "both tls_certificate and tls_key or neither";
     SettingError::new(format!("settings file: {field}"), "missing", expected)
-}
-
-impl LimitsTable {
-    fn apply(&self, config: &mut ServiceConfig) {
-        fn set<T: Copy>(setting: &mut T, given: Option<T>) {
-            if let Some(given) = given {
-                *setting = given;
-            }
-        }
-        set(&mut config.http.record_bytes, self.record_bytes);
-        set(&mut config.http.recording_bytes, self.recording_bytes);
-        set(&mut config.http.uploads_at_once, self.uploads_at_once.map(|n| n.max(1)));
-        set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
-        set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
-        set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
-        set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
-        // The HTTP library's minimum.
-        set(&mut config.http.header_bytes, self.header_bytes.map(|n| n.max(8192)));
-        set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.requests_per_s, self.requests_per_s);
-        set(&mut config.work.streams_at_once, self.streams.map(|n| n.max(1)));
-        set(&mut config.http.events_kept, self.events_kept);
-        set(&mut config.work.start_time_ahead, self.start_time_ahead_s.map(Duration::from_secs));
-        set(&mut config.work.bytes_at_once, self.bytes_at_once);
-        set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
-        set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
-        set(&mut config.work.workers, self.workers.map(|n| n.max(1)));
-        set(&mut config.work.simulation_threads, self.simulation_threads.map(|n| n.max(1)));
-    }
 }
 
 /// Runs the service until Ctrl-C or SIGTERM.
@@ -338,13 +345,37 @@ mod tests {
         assert_eq!((config.work.quotas.bytes, config.work.quotas.bytes_per_asset), (Some(5), None));
     }
 
-    #[test]
-    fn an_unknown_key_is_rejected_by_name() {
+    /// Resolves a settings file.
+    fn resolved(text: &str) -> Result<ServiceConfig, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flankwatch.toml");
-        fs::write(&path, "[limits]\nrecord_byte = 1\n").unwrap();
+        fs::write(&path, text).unwrap();
         let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
-        let error = args.resolve().map(|_| ()).unwrap_err().to_string();
-        assert!(error.contains("record_byte") && error.contains("flankwatch.toml"), "{error}");
+        args.resolve().map(|resolved| resolved.service).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_unknown_key_is_rejected_by_name() {
+        for (text, key) in [("[limits]\nrecord_byte = 1\n", "limits.record_byte is 1"), ("port = 1", "port")]
+        {
+            let error = resolved(text).unwrap_err();
+            assert!(error.contains(key) && error.contains("flankwatch.toml"), "{error}");
+        }
+    }
+
+    #[test]
+    fn every_limit_is_checked_at_the_start() {
+        for (key, range, _) in LIMITS {
+            for wrong in range.start().checked_sub(1).into_iter().chain([range.end() + 1]) {
+                let error = resolved(&format!("[limits]\n{key} = {wrong}\n")).unwrap_err();
+                let named =
+                    format!("limits.{key} is {wrong}, expected a whole number from {}", range.start());
+                assert!(error.contains(&named), "{error}");
+            }
+            resolved(&format!("[limits]\n{key} = {}\n", range.start())).unwrap();
+            resolved(&format!("[limits]\n{key} = {}\n", range.end())).unwrap();
+        }
+        let may_be_0 = LIMITS.iter().filter(|(_, range, _)| range.contains(&0)).map(|(key, ..)| *key);
+        assert_eq!(may_be_0.collect::<Vec<_>>(), ["body_bytes_per_s", "grace_s", "start_time_ahead_s"]);
     }
 }

@@ -70,8 +70,8 @@ pub(in crate::cli) struct EvaluateArgs {
     /// Score recorded runs instead of simulated ones: folders of WAV files with a truth.csv
     ///
     /// Each WAV file is a record, in order of file names; truth.csv has a column wear_um with one row per
-    /// file. `flankwatch simulate --out RUN.wav` writes such a folder. Channels are scored individually and
-    /// together.
+    /// file. A column file names the file of each row; without it, the rows are in the same order. `flankwatch
+    /// simulate --out RUN.wav` writes such a folder. Channels are scored individually and together.
     #[arg(long, num_args = 1.., value_name = "FOLDER", group = "tracked")]
     recorded: Vec<PathBuf>,
     /// Score runs of this many ensemble members, each estimated with all other members
@@ -97,7 +97,7 @@ pub(in crate::cli) struct EvaluateArgs {
     ///
     /// An object with a list for each run. The list has an element per record: [median, lower end, upper
     /// end of the 90 % interval] in µm, or null.
-    #[arg(long, value_name = "FILE", requires = "recorded")]
+    #[arg(long, value_name = "FILE", requires = "recorded", conflicts_with_all = ["gap", "inspection_um", "limit_um"])]
     answers: Option<PathBuf>,
     /// With --recorded: print JSON
     #[arg(long, requires = "recorded")]
@@ -133,20 +133,10 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     let ensembles = Ensembles::new(&args.data_dir, args.members);
     let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um, limit_um: args.limit_um };
     if let Some(count) = args.leave_one_out {
-        if count == 0 || args.members < 2 * VARIANTS {
-            return Err(CliError::Argument(format!(
-                "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
-                args.members,
-                2 * VARIANTS
-            )));
-        }
-        if !(2..=MAX_LEFT_OUT_RECORDS).contains(&args.wear_records) {
-            return Err(CliError::Argument(format!(
-                "--wear-records is {}, expected 2 to {MAX_LEFT_OUT_RECORDS}",
-                args.wear_records
-            )));
-        }
+        check_left_out(count, args.members.div_ceil(VARIANTS), args)?;
         let ensemble = ensembles.of(&pair)?;
+        // Pairs that the model refuses are not among its members.
+        check_left_out(count, ensemble.groups(), args)?;
         let plan = LeftOutRun { records: args.wear_records, is_worn: !args.healthy };
         return recorded_runs::run_members(&ensemble, count, plan, options);
     }
@@ -189,6 +179,26 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     output::print(&single_indicators(&scores))?;
     if let Some(path) = &args.out {
         output::write_file(path, page(&scores, &settings).as_bytes())?;
+    }
+    Ok(())
+}
+
+/// Checks the options of runs of members that are left out: at most one of each of `groups` but one.
+fn check_left_out(count: usize, groups: usize, args: &EvaluateArgs) -> Result<(), CliError> {
+    let members = args.members;
+    if groups < 2 {
+        let given = format!("{members} ({})", output::counted(groups as u64, "group"));
+        let expected = format!("at least 2 groups of {VARIANTS} with --leave-one-out");
+        return Err(CliError::argument("--members", given, expected));
+    }
+    let most = groups - 1;
+    if !(1..=most).contains(&count) {
+        let expected = format!("at least 1 and at most {most} with --members {members}");
+        return Err(CliError::argument("--leave-one-out", count, expected));
+    }
+    if !(2..=MAX_LEFT_OUT_RECORDS).contains(&args.wear_records) {
+        let expected = format!("2 to {MAX_LEFT_OUT_RECORDS}");
+        return Err(CliError::argument("--wear-records", args.wear_records, expected));
     }
     Ok(())
 }

@@ -26,8 +26,11 @@ const BASELINE: u32 = 20;
 /// Greatest relative deviation of the speed from nominal.
 const SPEED_TOLERANCE: f64 = 0.05;
 
+/// A row of truth.csv.
 #[derive(Deserialize)]
 struct Truth {
+    /// Name of its WAV file, if the table has this column.
+    file: Option<String>,
     wear_um: f64,
 }
 
@@ -132,27 +135,34 @@ pub(super) fn run_members(
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
     output::print(&forecast_table(&scores))?;
-    let all = scores.len().max(1) as f64;
-    let mean = |of: fn(&RunScore) -> f64| scores.iter().map(of).sum::<f64>() / all;
-    output::print(&format!(
-        "{} members: covered {:.3}, error {:.1} µm, width {:.1} µm\n",
-        scores.len(),
-        mean(|score| score.coverage),
-        mean(|score| score.mean_error_um),
-        mean(|score| score.width_um),
-    ))?;
+    let members = output::counted(scores.len() as u64, "member");
+    let of_run = |score: &RunScore| Some([score.coverage?, score.mean_error_um?, score.width_um?]);
+    output::print(&means(&members, scores.iter().filter_map(of_run).collect()))?;
     if options.inspection_um.is_some() {
-        let mean = |of: fn(&ScoreAfter) -> f64| {
-            scores.iter().filter_map(|score| score.after.as_ref()).map(of).sum::<f64>() / all
-        };
-        output::print(&format!(
-            "from the inspection on: covered {:.3}, error {:.1} µm, width {:.1} µm\n",
-            mean(|after| after.coverage),
-            mean(|after| after.mean_error_um),
-            mean(|after| after.width_um),
-        ))?;
+        let after = scores.iter().filter_map(|score| score.after.as_ref());
+        let after = after.map(|after| [after.coverage, after.mean_error_um, after.width_um]);
+        output::print(&means("from the inspection on", after.collect()))?;
     }
     Ok(())
+}
+
+/// Formats the means of coverage, error and width over the runs that have estimates.
+fn means(what: &str, scores: Vec<[f64; 3]>) -> String {
+    let mean = |which: usize| {
+        let sum: f64 = scores.iter().map(|score| score[which]).sum();
+        (!scores.is_empty()).then(|| sum / scores.len() as f64)
+    };
+    format!(
+        "{what}: covered {}, error {} µm, width {} µm\n",
+        or_dash(mean(0), 3),
+        or_dash(mean(1), 1),
+        or_dash(mean(2), 1)
+    )
+}
+
+/// Formats a number, or a dash without one.
+fn or_dash(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
 /// Formats the scores of forecasts; empty if no run has any.
@@ -166,9 +176,6 @@ fn forecast_table(scores: &[RunScore]) -> String {
         "\n{:<24} {:>9} {:>8} {:>8} {:>12} {:>15}\n",
         "time to the limit", "given", "holds", "too late", "median/true", "late end/true"
     );
-    let or_dash = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-    };
     let counts = |[given, records, holding, too_late]: [usize; 4]| {
         let part = |count: usize| or_dash((given > 0).then(|| count as f64 / given as f64), 3);
         format!("{:>9} {:>8} {:>8}", format!("{given}/{records}"), part(holding), part(too_late))
@@ -193,9 +200,6 @@ fn indicator_table(scores: &[SingleIndicators]) -> String {
         "\n{:<24} {:>20} {:>26} {:>10}\n",
         "single indicators", "rms doubled, at µm", "regression on OMX, error", "its rank"
     );
-    let or_dash = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-    };
     for score in scores {
         text += &format!(
             "{:<24} {:>20} {:>26} {:>10}\n",
@@ -227,25 +231,25 @@ fn header() -> String {
 }
 
 fn row(score: &RunScore) -> String {
-    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+    let text_or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     let after = score.after.as_ref().map(|ScoreAfter { mean_error_um, width_um, coverage }| {
         format!("{mean_error_um:.1} {width_um:.1} {coverage:.3}")
     });
     let last = score.last.map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
     format!(
-        "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>16}  {}\n",
+        "{:<24} {:>9} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>16}  {}\n",
         score.run,
         format!("{}/{}", score.estimated, score.records),
         score.flagged,
-        score.coverage,
+        or_dash(score.coverage, 3),
         score.longest_miss,
-        or_dash(score.rank.map(|rank| format!("{rank:.3}"))),
-        score.mean_error_um,
-        score.bias_um,
-        score.width_um,
+        or_dash(score.rank, 3),
+        or_dash(score.mean_error_um, 1),
+        text_or_dash(score.bias_um.map(|um| format!("{um:+.1}"))),
+        or_dash(score.width_um, 1),
         format!("{}/{}", score.narrow[1], score.narrow[0]),
-        or_dash(after),
-        or_dash(last),
+        text_or_dash(after),
+        text_or_dash(last),
     )
 }
 
@@ -269,27 +273,16 @@ fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, 
         .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
         .collect();
     files.sort();
-    let mut table = csv::Reader::from_path(folder.join(TRUTH_FILE_NAME))
-        .map_err(|error| failed(format!("truth.csv: {error}")))?;
-    let truth: Vec<f64> = table
-        .deserialize()
-        .map(|row| row.map(|Truth { wear_um }| wear_um))
-        .collect::<Result<_, _>>()
-        .map_err(|error| failed(format!("truth.csv: {error}, expected a column wear_um")))?;
-    if let Some(row) = truth.iter().position(|um| !(*um >= 0.0 && um.is_finite())) {
-        let (line, um) = (row + 1, truth[row]);
-        return Err(failed(format!("truth.csv: wear_um of row {line} is {um}, expected a depth from 0 µm")));
-    }
-    if files.len() != truth.len() {
+    let depths_um = read_truth(folder, &files).map_err(|error| failed(format!("truth.csv: {error}")))?;
+    if files.len() <= BASELINE as usize {
+        let records = output::counted(files.len() as u64, "record");
         return Err(failed(format!(
-            "{} WAV files and {} rows in truth.csv, expected equal numbers",
-            files.len(),
-            truth.len()
+            "{records}, all within the baseline of {BASELINE}, expected more than {BASELINE}"
         )));
     }
     let records: Vec<Vec<Observation>> = files
         .par_iter()
-        .zip(truth)
+        .zip(depths_um)
         .map_init(
             || Analyzer::new(AnalysisSettings::default()),
             |analyzer, (path, wear_um)| analyse(analyzer, path, wear_um, pair),
@@ -310,6 +303,38 @@ fn read(folder: &Path, name: &str, pair: &PairSpec) -> Result<Vec<RecordedRun>, 
     };
     let channels = channels.into_iter().enumerate();
     Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
+}
+
+/// Reads the true depth of each file from truth.csv, whose rows name their files or are in the same order.
+fn read_truth(folder: &Path, files: &[PathBuf]) -> Result<Vec<f64>, String> {
+    let mut table =
+        csv::Reader::from_path(folder.join(TRUTH_FILE_NAME)).map_err(|error| error.to_string())?;
+    let rows: Vec<Truth> = table
+        .deserialize()
+        .collect::<Result<_, _>>()
+        .map_err(|error| format!("{error}, expected a column wear_um"))?;
+    let names_files = rows.iter().any(|row| row.file.is_some());
+    let mut by_file = BTreeMap::new();
+    for (row, Truth { file, wear_um }) in (1..).zip(&rows) {
+        if !(*wear_um >= 0.0 && wear_um.is_finite()) {
+            return Err(format!("wear_um of row {row} is {wear_um}, expected a depth from 0 µm"));
+        }
+        let file = file.as_deref().unwrap_or_default();
+        let path = folder.join(file);
+        if names_files && (files.binary_search(&path).is_err() || by_file.insert(path, *wear_um).is_some()) {
+            return Err(format!(
+                "file of row {row} is {file:?}, expected a WAV file of the folder, each once"
+            ));
+        }
+    }
+    if files.len() != rows.len() {
+        return Err(format!("{} rows and {} WAV files, expected equal numbers", rows.len(), files.len()));
+    }
+    Ok(if names_files {
+        by_file.into_values().collect()
+    } else {
+        rows.iter().map(|row| row.wear_um).collect()
+    })
 }
 
 /// Analyses the first record of each channel of a file.
@@ -392,14 +417,45 @@ mod tests {
     }
 
     #[test]
-    fn a_true_depth_that_is_no_number_is_rejected_with_its_row() {
+    fn a_run_within_the_baseline_and_a_true_depth_that_is_no_number_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let pair = crate::cli::simulation::pair_file::read(None).unwrap();
+        std::fs::write(folder.path().join("truth.csv"), "wear_um\n").unwrap();
+        let error = read(folder.path(), "run", &pair).unwrap_err().to_string();
+        assert!(error.contains("0 records, all within the baseline of 20"), "{error}");
         for wrong in ["NaN", "inf", "-1"] {
             std::fs::write(folder.path().join("truth.csv"), format!("wear_um\n0\n{wrong}\n")).unwrap();
             let error = read(folder.path(), "run", &pair).unwrap_err().to_string();
             assert!(error.contains(&format!("wear_um of row 2 is {wrong}")), "{error}");
         }
+    }
+
+    #[test]
+    fn runs_without_estimates_are_left_out_of_the_means_and_show_dashes() {
+        let text = means("2 members", vec![[0.5, 4.0, 20.0], [1.0, 2.0, 10.0]]);
+        assert_eq!(text, "2 members: covered 0.750, error 3.0 µm, width 15.0 µm\n");
+        assert_eq!(means("1 member", Vec::new()), "1 member: covered -, error - µm, width - µm\n");
+        let score = row(&score_run("a", &[], BASELINE as usize, RunOptions::default()));
+        let cells: Vec<&str> = score.split_whitespace().collect();
+        assert_eq!(cells, ["a", "0/0", "0", "-", "0", "-", "-", "-", "-", "0/0", "-", "-"]);
+    }
+
+    #[test]
+    fn the_rows_of_the_truth_are_found_by_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a.wav", "b.wav", "c.wav"].map(|name| folder.path().join(name));
+        let read = |table: &str| {
+            std::fs::write(folder.path().join("truth.csv"), table).unwrap();
+            read_truth(folder.path(), &files)
+        };
+        assert_eq!(read("wear_um,file\n2,c.wav\n0,a.wav\n1,b.wav\n").unwrap(), [0.0, 1.0, 2.0]);
+        assert_eq!(read("record,wear_um\n0,2\n1,0\n2,1\n").unwrap(), [2.0, 0.0, 1.0]);
+        for wrong in ["none.wav", "a.wav", ""] {
+            let error = read(&format!("file,wear_um\na.wav,0\n{wrong},1\nc.wav,2\n")).unwrap_err();
+            assert!(error.contains(&format!("file of row 2 is {wrong:?}")), "{error}");
+        }
+        let error = read("file,wear_um\na.wav,0\nc.wav,2\n").unwrap_err();
+        assert!(error.contains("2 rows and 3 WAV files"), "{error}");
     }
 
     #[test]

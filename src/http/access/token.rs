@@ -13,7 +13,7 @@ const PREFIX: &str = "fwt";
 /// Creates a token: returns the token itself and its stored part.
 pub(crate) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
     let mut random = [0; 36];
-    getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
+    getrandom::fill(&mut random).map_err(TokenError::Random)?;
     let (id, secret) = random.split_at(4);
     let (id, secret) = (hex::encode(id), hex::encode(secret));
     let stored = Token {

@@ -9,7 +9,7 @@ use crate::store::StoreError;
 pub enum TokenError {
     /// The system provides no random numbers.
     #[error("failed to generate random bytes: {0}")]
-    Random(String),
+    Random(#[source] getrandom::Error),
     /// The token does not exist.
     #[error("token {0:?} not found")]
     Unknown(String),

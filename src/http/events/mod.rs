@@ -109,6 +109,7 @@ pub(super) struct EventParameters {
     ),
     responses(
         (status = 200, body = ServerEvent, content_type = "text/event-stream"),
+        (status = 404, description = "The asset does not exist"),
         (status = 503, description = "Too many streams are open"),
     ),
 )]

@@ -119,14 +119,23 @@ pub(super) fn check_names(
     spec: &AssetSpec,
 ) -> Result<(), Problem> {
     let known = spec.indicator_names();
-    let is_known = |name: &&String| known.contains(name) || recorded.contains_key(*name);
-    let Some(unknown) = names.iter().find(|name| !is_known(name)) else {
+    let earlier = recorded.keys().filter(|name| !known.contains(name));
+    let all: Vec<&str> = known.iter().chain(earlier).map(String::as_str).collect();
+    check_known("names", names.iter().map(String::as_str), &all)
+}
+
+/// Rejects a parameter with a name that is not known.
+pub(super) fn check_known<'a>(
+    parameter: &str,
+    mut names: impl Iterator<Item = &'a str>,
+    known: &[&str],
+) -> Result<(), Problem> {
+    let Some(unknown) = names.find(|name| !known.contains(name)) else {
         return Ok(());
     };
-    let all = known.iter().chain(recorded.keys().filter(|name| !known.contains(name)));
-    let nearest = Indicators::nearest(unknown, all.map(String::as_str)).join(", ");
+    let nearest = Indicators::nearest(unknown, known.iter().copied()).join(", ");
     let expected = format!("names of indicators; the nearest are {nearest}");
-    Err(Problem::query("names", format!("{unknown:?}"), &expected))
+    Err(Problem::query(parameter, format!("{unknown:?}"), &expected))
 }
 
 fn table_of(view: &TrendView) -> Table {

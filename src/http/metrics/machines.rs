@@ -1,13 +1,21 @@
 //! The metrics of each asset in `GET /metrics/machines`.
 
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
 use super::text::{ChannelLabels, MetricsText};
 use crate::estimate::{AlarmState, Severity};
 use crate::http::app::App;
+use crate::http::indicators;
 use crate::http::problem::Problem;
-use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
+use crate::signal::{IndicatorScope, Indicators};
+use crate::store::{AlarmFilter, LatestRecord, Store, StoredAlarm};
 
 /// Maximum number of alarms shown, most recently changed first.
 const MAX_ALARMS: u32 = 10_000;
+
+/// Assets read in one query.
+const ASSETS_AT_ONCE: u32 = 500;
 
 /// The state of each alarm.
 pub(crate) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
@@ -64,6 +72,7 @@ pub(crate) async fn assets(
     text: &mut MetricsText,
 ) -> Result<(), Problem> {
     let latest = app.service.store.latest_records().await?;
+    check(&app.service.store, wanted.unwrap_or_default(), &latest).await?;
     let records: Vec<(ChannelLabels, &LatestRecord)> =
         latest.iter().map(|record| (ChannelLabels::new(&record.asset, &record.channel), &**record)).collect();
     let depth = "flankwatch_wear_depth_um";
@@ -105,4 +114,23 @@ pub(crate) async fn assets(
         text.line(time, &[("asset", &record.asset), ("channel", &record.channel)], seconds);
     }
     Ok(())
+}
+
+/// Rejects indicators that neither a machine with a mesh has nor any asset, for its bands and bearings. The
+/// descriptions are read only if a latest record does not have the indicator.
+async fn check(store: &Store, wanted: &[&str], latest: &[Arc<LatestRecord>]) -> Result<(), Problem> {
+    let mut known: BTreeSet<String> = Indicators::names(&IndicatorScope::default()).into_iter().collect();
+    let is_recorded = |name: &str| latest.iter().any(|record| record.indicators.get(name).is_some());
+    if wanted.iter().all(|name| known.contains(*name) || is_recorded(name)) {
+        return Ok(());
+    }
+    let mut after: Option<String> = None;
+    loop {
+        let assets = store.assets(after.as_deref(), ASSETS_AT_ONCE).await?;
+        let Some(last) = assets.last() else { break };
+        after = Some(last.spec.id.to_string());
+        known.extend(assets.iter().flat_map(|asset| asset.spec.indicator_names()));
+    }
+    let known: Vec<&str> = known.iter().map(String::as_str).collect();
+    indicators::check_known("indicators", wanted.iter().copied(), &known)
 }

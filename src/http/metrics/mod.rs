@@ -16,7 +16,7 @@ use serde::Deserialize;
 use super::app::App;
 use super::notifications;
 use super::problem::Problem;
-use super::request::query::Parameters;
+use super::request::query::{self, Parameters};
 use crate::service::{FeedCount, RecordOutcome, Service};
 use machines::{alarms, assets};
 use queue::QueueWatch;
@@ -61,7 +61,7 @@ pub(super) async fn machines(
     Parameters(params): Parameters<MetricsParameters>,
 ) -> Result<impl IntoResponse, Problem> {
     let wanted: Option<Vec<&str>> =
-        params.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
+        params.indicators.as_deref().map(|names| query::entries(Some(names)).collect());
     let mut text = MetricsText::default();
     assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;

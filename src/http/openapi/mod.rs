@@ -5,7 +5,7 @@ mod request_examples;
 use std::sync::{Arc, OnceLock};
 
 use axum::Router;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use bytes::Bytes;
@@ -136,7 +136,8 @@ fn add_path_parameters(path: &str, operation: &mut Value) {
     }
 }
 
-/// Adds the problems that every such operation can return, and the content of all problems.
+/// Adds the problems that every such operation can return, and the content of all problems. A response without
+/// a description gets the standard text of its status.
 fn add_problems(path: &str, operation: &mut Value) {
     let mut problems = COMMON.to_vec();
     if path.contains('{') {
@@ -156,6 +157,10 @@ fn add_problems(path: &str, operation: &mut Value) {
         answers.entry(status).or_insert_with(|| json!({ "description": description }));
     }
     for (status, answer) in answers {
+        if answer["description"].as_str().is_none_or(str::is_empty) {
+            let status = status.parse().ok().and_then(|code| StatusCode::from_u16(code).ok());
+            answer["description"] = json!(status.and_then(|status| status.canonical_reason()));
+        }
         if status.starts_with(['4', '5']) && answer.get("content").is_none() {
             let schema = json!({ "$ref": "#/components/schemas/Problem" });
             answer["content"] = json!({ "application/problem+json": { "schema": schema } });
@@ -232,6 +237,19 @@ mod tests {
         assert_eq!(spec("AssetSpec")["oneOf"][0]["required"][0], "gear");
         let alarms = &document["paths"]["/v1/alarms"]["get"]["parameters"];
         assert!(alarms[0]["schema"]["pattern"].is_string(), "{alarms}");
+    }
+
+    #[test]
+    fn every_response_has_a_description() {
+        let document = document(&crate::http::router::operations().to_openapi());
+        let paths = document["paths"].as_object().unwrap();
+        let operations = paths.values().flat_map(|operations| operations.as_object().unwrap().values());
+        let responses: Vec<&Value> =
+            operations.flat_map(|operation| operation["responses"].as_object().unwrap().values()).collect();
+        let is_described =
+            |response: &&Value| response["description"].as_str().is_some_and(|text| !text.is_empty());
+        assert!(responses.len() > 300 && responses.iter().all(is_described));
+        assert_eq!(document["paths"]["/v1/assets"]["post"]["responses"]["201"]["description"], "Created");
     }
 
     #[test]

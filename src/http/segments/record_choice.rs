@@ -17,10 +17,6 @@ use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreEr
 /// Maximum number of ids per request.
 const MAX_NAMED: usize = 200;
 
-const STATUSES: &str = "collecting_baseline, no_library, no_mesh, awaiting_library, provisional, library_failed, \
-    no_features, speed_in_doubt, not_comparable, not_identifiable, outside_library, sensor_fault, estimated, \
-    recomputing or excluded";
-
 /// Filters of records besides channel and time.
 #[derive(Debug, Default)]
 pub(crate) struct RecordChoice {
@@ -87,7 +83,11 @@ impl RecordChoice {
 /// The requested statuses.
 pub(crate) fn parse_statuses(requested: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
     let status = |name: &str| {
-        serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES))
+        serde_json::from_value(Value::from(name)).map_err(|error| {
+            // The decoder's message ends with all statuses.
+            let message = error.to_string().replace('`', "");
+            Problem::query("status", name, message.rsplit("expected ").next().unwrap_or_default())
+        })
     };
     query::entries(requested).map(status).collect()
 }
@@ -97,7 +97,8 @@ pub(crate) async fn named(store: &Store, asset: &AssetId, ids: &str) -> Result<V
     store.asset(asset).await?;
     let ids: Vec<SegmentId> = ids.split(',').map(|id| SegmentId(id.trim().to_owned())).collect();
     if ids.len() > MAX_NAMED {
-        return Err(Problem::query("ids", format!("{} identifiers", ids.len()), "at most 200 identifiers"));
+        let expected = format!("at most {MAX_NAMED} identifiers");
+        return Err(Problem::query("ids", format!("{} identifiers", ids.len()), &expected));
     }
     let mut found = store.segments_by_id(&ids).await?;
     found.retain(|segment| segment.asset_id == *asset);

@@ -29,7 +29,7 @@ pub(crate) fn requested(
 pub(crate) fn refusal(error: ServiceError, choice: BandChoice) -> Problem {
     match error {
         ServiceError::Field { value, expected, .. } if choice != BandChoice::OfAsset => {
-            Problem::query(NAMES, value, expected)
+            Problem::query(NAMES, value, &expected)
         }
         error => error.into(),
     }

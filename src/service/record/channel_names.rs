@@ -25,8 +25,8 @@ impl ChannelNames {
     /// # Errors
     /// The lists differ in length; a name is given twice.
     pub fn new(recorded: &[String], names: &[String], units: &[String]) -> Result<Self, ServiceError> {
-        let refuse = |field, list: &[String], expected| {
-            Err(ServiceError::Field { field, value: format!("{list:?}"), expected })
+        let refuse = |field, list: &[String], expected: &'static str| {
+            Err(ServiceError::Field { field, value: format!("{list:?}"), expected: expected.into() })
         };
         if recorded.len() != names.len() {
             return refuse("recorded_channels", recorded, "as many names as channel_names has");

@@ -274,7 +274,7 @@ pub(crate) fn decode_upload(
         return Err(ServiceError::Field {
             field: "channel_units",
             value: format!("{own:?}"),
-            expected: "as many units as channel_names has names",
+            expected: "as many units as channel_names has names".into(),
         });
     }
     let given = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
@@ -287,7 +287,9 @@ pub(crate) fn decode_upload(
 
 /// Checks the pulses of an upload.
 fn check_pulses(tachometer: &Tachometer) -> Result<(), ServiceError> {
-    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
+    let refuse = |field, value, expected: &'static str| {
+        Err(ServiceError::Field { field, value, expected: expected.into() })
+    };
     let times = &tachometer.pulse_times_s;
     if tachometer.pulses_per_revolution == 0 && !times.is_empty() {
         return refuse("tachometer.pulses_per_revolution", "0".to_owned(), "a whole number of at least 1");
@@ -302,8 +304,10 @@ fn check_pulses(tachometer: &Tachometer) -> Result<(), ServiceError> {
 }
 
 fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
-    let refuse =
-        |expected| Err(ServiceError::Field { field: "channel_names", value: format!("{names:?}"), expected });
+    let refuse = |expected: &'static str| {
+        let (field, value) = ("channel_names", format!("{names:?}"));
+        Err(ServiceError::Field { field, value, expected: expected.into() })
+    };
     if !names.is_empty() && names.len() != channels {
         return refuse("as many names as the recording has channels");
     }

@@ -114,7 +114,9 @@ impl Identified for RecordNote {
 }
 
 fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceError> {
-    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
+    let refuse = |field, value, expected: &'static str| {
+        Err(ServiceError::Field { field, value, expected: expected.into() })
+    };
     let channel = record.channel();
     if channel.is_empty() || channel.chars().count() > 200 || channel.chars().any(char::is_control) {
         let expected = "a name of 1 to 200 characters, none of them control characters";
@@ -139,7 +141,7 @@ fn check_unit(record: &Record) -> Result<(), ServiceError> {
         return Err(ServiceError::Field {
             field: "unit",
             value: format!("{:?}", unit.chars().take(MAX_UNIT_BYTES).collect::<String>()),
-            expected: "1 to 64 bytes without control characters",
+            expected: format!("1 to {MAX_UNIT_BYTES} bytes without control characters").into(),
         });
     }
     Ok(())
@@ -179,7 +181,7 @@ pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(),
     Err(ServiceError::Field {
         field: "start_time",
         value: start_time.to_string(),
-        expected: "a time no further ahead of the service's clock than limits.start_time_ahead_s",
+        expected: "a time no further ahead of the service's clock than limits.start_time_ahead_s".into(),
     })
 }
 

@@ -238,7 +238,8 @@ impl StoredRecords {
                         return Err(ServiceError::Field {
                             field: "band_hz",
                             value: format!("[{low}, {high}] ({error})"),
-                            expected: "a band between 0 and half the sampling rate that the record resolves",
+                            expected: "a band between 0 and half the sampling rate that the record resolves"
+                                .into(),
                         });
                     }
                 };

@@ -180,7 +180,7 @@ pub(super) fn check_bytes(frames: u64, format: &StreamFormat) -> Result<(), Reco
     if frames.saturating_mul(format.frame_bytes() as u64) <= MAX_RECORD_BYTES {
         return Ok(());
     }
-    let expected = "a length of at most 64 MiB of samples of all channels";
+    let expected = format!("a length of at most {} MiB of samples of all channels", MAX_RECORD_BYTES >> 20);
     Err(RecordingError::field("record_s", format.seconds(frames), expected))
 }
 

@@ -139,8 +139,8 @@ impl SharedRows {
 
 /// The asset has as many streams as it may have.
 pub(super) fn too_many(name: &str) -> ServiceError {
-    let expected = "one of the asset's existing streams, which are at the maximum of 16";
-    ServiceError::Field { field: "name", value: name.to_owned(), expected }
+    let expected = format!("one of the asset's existing streams, which are at the maximum of {MAX_OF_ASSET}");
+    ServiceError::Field { field: "name", value: name.to_owned(), expected: expected.into() }
 }
 
 /// The assets and names of the streams in a folder.
@@ -166,6 +166,6 @@ pub(super) fn check_name(name: &str) -> Result<(), ServiceError> {
     AssetId::new(name).map(|_| ()).map_err(|_| ServiceError::Field {
         field: "name",
         value: format!("{:?}", name.chars().take(64).collect::<String>()),
-        expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit",
+        expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit".into(),
     })
 }

@@ -248,7 +248,7 @@ impl StoredStream {
     /// A channel of the stream is its tachometer.
     pub(crate) fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
         if self.state.format.tachometer().is_some() {
-            let expected = "no pulses: a channel of the stream is its tachometer";
+            let expected = "no pulses: a channel of the stream is its tachometer".into();
             return Err(ServiceError::Field { field: "tachometer", value: "given".to_owned(), expected });
         }
         let pulses = pulses.beginning_at(self.state.next.unwrap_or(0));

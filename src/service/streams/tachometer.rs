@@ -46,12 +46,15 @@ impl Pulses {
     /// [`ServiceError::Field`] for 0 pulses per revolution, too many pulses, offsets out of range, or offsets
     /// that do not increase.
     pub(crate) fn new(from: u64, after: &[f64], pulses_per_revolution: u32) -> Result<Self, ServiceError> {
-        let refuse = |field, value: String, expected| Err(ServiceError::Field { field, value, expected });
+        let refuse = |field, value: String, expected: &str| {
+            Err(ServiceError::Field { field, value, expected: expected.to_owned().into() })
+        };
         if pulses_per_revolution == 0 {
             return refuse("pulses_per_revolution", "0".to_owned(), "at least 1");
         }
         if after.len() > MAX_PULSES {
-            return refuse("pulses", format!("{} pulses", after.len()), "at most 65536 in a message");
+            let expected = format!("at most {MAX_PULSES} in a message");
+            return refuse("pulses", format!("{} pulses", after.len()), &expected);
         }
         let is_place = |after: f64| (0.0..1e12).contains(&after);
         if let Some(wrong) = after.iter().find(|after| !is_place(**after)) {

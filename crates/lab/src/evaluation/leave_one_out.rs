@@ -32,7 +32,8 @@ pub struct LeftOutRun {
     pub is_worn: bool,
 }
 
-/// Returns runs of `count` evenly chosen members, each with the ensemble without the member's group.
+/// Returns runs of `count` evenly chosen members, each with the ensemble without the group of the member;
+/// `count` is less than the number of groups.
 pub fn leave_one_out(
     ensemble: &Ensemble,
     count: usize,
@@ -40,7 +41,6 @@ pub fn leave_one_out(
 ) -> Vec<(RecordedRun, Arc<Ensemble>)> {
     let variants = ensemble.variants();
     let groups = ensemble.groups();
-    let count = count.min(groups.saturating_sub(1));
     let run = |index: usize| {
         let group = index * groups / count;
         let number = group * variants + index % variants;

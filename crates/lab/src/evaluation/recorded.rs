@@ -74,23 +74,23 @@ pub struct RunScore {
     pub flagged: usize,
     /// Other records without a depth.
     pub without: usize,
-    /// Part of the estimates whose 90 % interval contains the truth.
-    pub coverage: f64,
+    /// Part of the estimates whose 90 % interval contains the truth; `None` without estimates.
+    pub coverage: Option<f64>,
     /// Longest sequence of estimates whose interval does not.
     pub longest_miss: usize,
     /// Rank correlation of median and truth.
     pub rank: Option<f64>,
-    /// Mean absolute error of the median in µm.
-    pub mean_error_um: f64,
-    /// Mean of median minus truth in µm.
-    pub bias_um: f64,
-    /// Mean width of the interval in µm.
-    pub width_um: f64,
+    /// Mean absolute error of the median in µm; `None` without estimates.
+    pub mean_error_um: Option<f64>,
+    /// Mean of median minus truth in µm; `None` without estimates.
+    pub bias_um: Option<f64>,
+    /// Mean width of the interval in µm; `None` without estimates.
+    pub width_um: Option<f64>,
     /// Number of intervals below 20 µm, and how many of them contain the truth.
     pub narrow: [usize; 2],
     /// The last estimate.
     pub last: Option<[f64; 3]>,
-    /// Scores from the inspection on.
+    /// Scores from the inspection on, if there are estimates.
     pub after: Option<ScoreAfter>,
     /// Scores of the records before the inspection, in hindsight.
     pub in_hindsight: Option<HindsightScore>,
@@ -120,7 +120,7 @@ pub struct HindsightScore {
     pub coverage: [f64; 2],
 }
 
-/// Scores the records before an inspection half-way through a run; `None` without an inspection.
+/// Scores the records before an inspection half-way through a run; `None` without an inspection or estimates.
 pub fn look_back(
     run: &RecordedRun,
     ensemble: &Arc<Ensemble>,
@@ -149,11 +149,11 @@ pub fn look_back(
             both.push((observation.wear_um, [then, later]));
         }
     }
-    let count = both.len().max(1) as f64;
+    let count = both.len() as f64;
     let mean = |value: &dyn Fn(f64, [f64; 3]) -> f64| {
         [0, 1].map(|which| both.iter().map(|(truth, pair)| value(*truth, pair[which])).sum::<f64>() / count)
     };
-    Some(HindsightScore {
+    (!both.is_empty()).then(|| HindsightScore {
         error_um: mean(&|truth, [median, ..]| (median - truth).abs()),
         width_um: mean(&|_, [_, low, high]| high - low),
         coverage: mean(&|truth, [_, low, high]| f64::from(u8::from(low <= truth && truth <= high))),
@@ -269,8 +269,16 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOp
     type Estimated = (usize, f64, [f64; 3]);
     let mean = |values: &dyn Fn(&Estimated) -> f64, from: usize| {
         let chosen: Vec<f64> = estimated.iter().filter(|(record, ..)| *record >= from).map(values).collect();
-        chosen.iter().sum::<f64>() / chosen.len().max(1) as f64
+        (!chosen.is_empty()).then(|| chosen.iter().sum::<f64>() / chosen.len() as f64)
     };
+    let score_from = |from: usize| {
+        Some(ScoreAfter {
+            mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)?,
+            width_um: mean(&|(.., [_, low, high])| high - low, from)?,
+            coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), from)?,
+        })
+    };
+    let all = score_from(0);
     let (mut longest_miss, mut missed) = (0, 0);
     for (_, truth, wear) in &estimated {
         missed = if contains(*truth, *wear) { 0 } else { missed + 1 };
@@ -291,19 +299,15 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOp
         estimated: estimated.len(),
         flagged,
         without: answers.len() - estimated.len() - flagged,
-        coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), 0),
+        coverage: all.as_ref().map(|all| all.coverage),
         longest_miss,
         rank: rank_correlation(&pairs),
-        mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), 0),
+        mean_error_um: all.as_ref().map(|all| all.mean_error_um),
         bias_um: mean(&|(_, truth, [median, ..])| median - truth, 0),
-        width_um: mean(&|(.., [_, low, high])| high - low, 0),
+        width_um: all.as_ref().map(|all| all.width_um),
         narrow: [narrow.len(), narrow.iter().filter(|held| **held).count()],
         last: estimated.last().map(|(.., wear)| *wear),
-        after: inspected_at.map(|from| ScoreAfter {
-            mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), from),
-            width_um: mean(&|(.., [_, low, high])| high - low, from),
-            coverage: mean(&|(_, truth, wear)| f64::from(u8::from(contains(*truth, *wear))), from),
-        }),
+        after: inspected_at.and_then(score_from),
         in_hindsight: None,
         forecasts: options.limit_um.and_then(|limit_um| score_forecasts(&forecasts, limit_um)),
     }
@@ -322,5 +326,42 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
         comment: String::new(),
         inspection: Some(Inspection { depth_um, error_um, gear: None, place: FlankPlace::Greatest }),
         until: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer(record: usize, wear_um: Option<[f64; 3]>) -> Answer {
+        Answer {
+            record,
+            truth_um: 10.0,
+            wear_um,
+            forecast: None,
+            flagged: false,
+            sensor_fault: None,
+            suspected_fault: None,
+            reason: String::new(),
+        }
+    }
+
+    #[test]
+    fn scores_are_means_over_estimates_and_absent_without_any() {
+        let options = RunOptions { inspection_um: Some(5.0), ..RunOptions::default() };
+        let mut answers: Vec<Answer> = (0..6).map(|record| answer(record, None)).collect();
+        answers[0].wear_um = Some([50.0, 40.0, 60.0]);
+        let without = score_run("a", &answers, 2, options);
+        assert_eq!((without.records, without.estimated, without.without), (4, 0, 4));
+        assert_eq!([without.coverage, without.mean_error_um, without.bias_um, without.width_um], [None; 4]);
+        assert_eq!(without.after, None);
+        answers[2].wear_um = Some([8.0, 4.0, 12.0]);
+        let before = score_run("a", &answers, 2, options);
+        assert_eq!((before.coverage, before.bias_um, before.after), (Some(1.0), Some(-2.0), None));
+        answers[5].wear_um = Some([16.0, 14.0, 24.0]);
+        let both = score_run("a", &answers, 2, options);
+        assert_eq!((both.coverage, both.mean_error_um, both.width_um), (Some(0.5), Some(4.0), Some(9.0)));
+        let after = ScoreAfter { mean_error_um: 6.0, width_um: 10.0, coverage: 0.0 };
+        assert_eq!(both.after, Some(after));
     }
 }

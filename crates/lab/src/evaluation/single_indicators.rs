@@ -16,7 +16,7 @@ pub struct SingleIndicators {
     /// `None` where it never did.
     pub rms_alarm_um: Option<f64>,
     /// Mean absolute error in µm of the depth by linear regression on the logarithm of OMX, fitted to all
-    /// other runs; `None` for a single run.
+    /// other runs; `None` for a single run, or without records after the baseline.
     pub omx_error_um: Option<f64>,
     /// Rank correlation of OMX and truth.
     pub omx_rank: Option<f64>,
@@ -31,12 +31,12 @@ pub fn single_indicators(runs: &[&RecordedRun], baseline: usize) -> Vec<SingleIn
         let own = &points[index];
         let error = |[slope, intercept]: [f64; 2]| {
             let sum: f64 = own.iter().map(|(omx, truth)| (slope * omx + intercept - truth).abs()).sum();
-            sum / own.len().max(1) as f64
+            sum / own.len() as f64
         };
         SingleIndicators {
             run: run.name.clone(),
             rms_alarm_um: rms_alarm_um(run, baseline),
-            omx_error_um: straight_line(&others).map(error),
+            omx_error_um: straight_line(&others).filter(|_| !own.is_empty()).map(error),
             omx_rank: rank_correlation(own),
         }
     };
@@ -100,8 +100,12 @@ mod tests {
     }
 
     #[test]
-    fn a_single_run_has_no_regression() {
+    fn neither_a_single_run_nor_a_baseline_alone_has_a_regression() {
         let scored = single_indicators(&[&run("a", 1.0)], 10);
+        assert_eq!(scored[0].omx_error_um, None);
+        let mut short = run("b", 1.0);
+        short.records.truncate(10);
+        let scored = single_indicators(&[&short, &run("a", 1.0)], 10);
         assert_eq!(scored[0].omx_error_um, None);
     }
 }
