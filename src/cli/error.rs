@@ -23,9 +23,11 @@ pub enum CliError {
     /// A setting or an option cannot be used.
     #[error(transparent)]
     Setting(#[from] crate::settings::SettingError),
-    /// Some files could not be analysed; each error was printed when it occurred.
-    #[error("failed to read {failed} of {all} files completely")]
+    /// Some files could not be analysed or sent; each error was printed when it occurred.
+    #[error("failed to {action} {failed} of {all} files completely")]
     SomeFailed {
+        /// What failed.
+        action: &'static str,
         /// Number of files that failed.
         failed: usize,
         /// Number of files given.

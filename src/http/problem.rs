@@ -337,6 +337,9 @@ impl From<ServiceError> for Problem {
                 problem.0.value = Some(value.to_string());
                 problem
             }
+            ServiceError::StreamRestarted { first, ref expected } => {
+                Self::new(StatusCode::CONFLICT, "").with_field("first_index", first, expected)
+            }
             ServiceError::StreamHeld { .. } | ServiceError::StreamTaken => {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }

@@ -108,6 +108,10 @@ impl From<ServiceError> for FailureAction {
             ServiceError::Field { field, value, expected } => {
                 return Self::Reject(Rejection::field(422, field, value, expected));
             }
+            ServiceError::StreamRestarted { first, expected } => {
+                let first = first.to_string();
+                return Self::Reject(Rejection::field(409, "first_sample_index", &first, expected));
+            }
             ServiceError::Recording(_) | ServiceError::Store(StoreError::Time(_)) => 422,
             ServiceError::Store(StoreError::AssetUnknown(_)) => 404,
             ServiceError::SensorOfOther { .. }

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use jiff::{SignedDuration, Timestamp};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
@@ -26,9 +25,6 @@ const IDLE: Duration = Duration::from_secs(60);
 
 /// Interval at which the asset's description is read again.
 const REFRESH_INTERVAL: Duration = Duration::from_secs(2);
-
-/// Time by which a block that repeats stored indices may be newer than the stream.
-const REPEAT_TOLERANCE: SignedDuration = SignedDuration::from_secs(1);
 
 /// The streams of one connection to the broker.
 #[derive(Default)]
@@ -112,8 +108,6 @@ struct PointStream {
     refreshed_at: Instant,
     /// The operating point of the last block; `None` if the stream was opened since.
     operating_point: Option<OperatingPoint>,
-    /// Time after the last stored sample, by the sender's clock.
-    newest: Option<Timestamp>,
     /// Blocks that came before their predecessors, and are acknowledged once they are durable.
     waiting: Vec<Block>,
 }
@@ -127,7 +121,6 @@ impl PointStream {
             share: None,
             refreshed_at: Instant::now(),
             operating_point: None,
-            newest: None,
             waiting: Vec::new(),
         }
     }
@@ -162,7 +155,6 @@ impl PointStream {
         };
         match self.deliver(&block).await {
             DeliveryOutcome::Stored => {
-                self.newest = self.newest.max(Some(block.record.end_time()));
                 self.waiting.push(block);
                 self.acknowledge_stored().await;
             }
@@ -204,9 +196,10 @@ impl PointStream {
             sender.refresh().await?;
             self.refreshed_at = Instant::now();
         }
-        let next = sender.next().unwrap_or(block.first);
-        if block.end() <= next {
-            return check_repeat(block, next, self.newest);
+        let chunk = block.chunk();
+        sender.check_repeat(&chunk)?;
+        if sender.next().is_some_and(|next| block.end() <= next) {
+            return Ok(());
         }
         let point = block.record.operating_point();
         if self.operating_point != Some(point) {
@@ -216,7 +209,7 @@ impl PointStream {
         if let Some(pulses) = block.pulses()? {
             sender.take_pulses(pulses).await?;
         }
-        sender.take(vec![block.chunk()]).await?;
+        sender.take(vec![chunk]).await?;
         Ok(())
     }
 
@@ -239,12 +232,6 @@ impl PointStream {
         let Address { asset, point } = &self.address;
         self.sender = None;
         let mut sender = service.streams.open(asset, point, format, None).await?;
-        match service.streams.status(asset, point).await {
-            Ok(status) => self.newest = self.newest.max(status.sender_time),
-            // It is created with its first sample.
-            Err(ServiceError::StreamUnknown { .. }) => {}
-            Err(error) => return Err(error),
-        }
         sender.take(self.waiting.iter().map(Block::chunk).collect()).await?;
         self.refreshed_at = Instant::now();
         self.operating_point = None;
@@ -296,18 +283,4 @@ impl PointStream {
 fn too_many() -> FailureAction {
     let detail = "too many live streams at the same time: a broker may have three quarters of limits.streams";
     FailureAction::Reject(Rejection::new(503, detail))
-}
-
-/// Checks that a block whose samples are all stored is a repeated one, by its time.
-fn check_repeat(block: &Block, next: u64, newest: Option<Timestamp>) -> Result<(), FailureAction> {
-    let is_newer = |newest: Timestamp| block.record.start_time().duration_since(newest) > REPEAT_TOLERANCE;
-    if !newest.is_some_and(is_newer) {
-        return Ok(());
-    }
-    let expected = format!(
-        "at least {next}, as its time is after that of all stored samples: a sensor whose count restarts needs \
-         another point, or counts from its clock (seconds since 1970 × sampling rate)"
-    );
-    let first = block.first.to_string();
-    Err(FailureAction::Reject(Rejection::field(409, "first_sample_index", &first, &expected)))
 }

@@ -141,6 +141,14 @@ pub enum ServiceError {
         /// The stream.
         name: String,
     },
+    /// A chunk has stored indices and a later time: the sender's count has restarted.
+    #[error("first_index is {first}, expected {expected}")]
+    StreamRestarted {
+        /// The index of its first sample.
+        first: u64,
+        /// What was expected.
+        expected: String,
+    },
     /// Another connection has taken over a live stream.
     #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,

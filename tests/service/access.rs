@@ -9,7 +9,7 @@ use flankwatch::http::{ServiceConfig, StartError, TlsFiles, start};
 use flankwatch::service::SystemClock;
 use flankwatch::store::Scope;
 
-use crate::certificate::certificate;
+use crate::certificate::{certificate, self_signed};
 use crate::command::flankwatch;
 use crate::running::{Answer, Service, mcap, plain_asset, record};
 use crate::tokens::Tokens;
@@ -245,6 +245,42 @@ fn a_replay_is_sent_over_tls_to_a_trusted_server_only() {
     assert_eq!(stored, 2);
     with_ca(&recording).expect_failure(&["--ca", "run.mcap", "PEM"]);
     with_ca("nowhere.pem").expect_failure(&["nowhere.pem"]);
+    // None of these is tried again.
+    let began = std::time::Instant::now();
+    let public = ["replay", &recording, "--asset", "pump", "--url"];
+    flankwatch(&[&public[..], &[&url]].concat())
+        .expect_failure(&[&url, "the server's certificate is of an unknown authority, expected one"]);
+    let plain = Service::start();
+    let to_plain = plain.url("").replace("http://", "https://");
+    flankwatch(&[&public[..], &[&to_plain]].concat())
+        .expect_failure(&[&to_plain, "the server does not use TLS, expected a URL with http://"]);
+    let to_tls = url.replace("https://", "http://");
+    flankwatch(&[&public[..], &[&to_tls]].concat())
+        .expect_failure(&[&to_tls, "a server with TLS needs a URL with https://"]);
+    let stream = ["stream", &recording, "--sample", "f32", "--rate", "1000", "--asset", "pump"];
+    let start = ["--start-time", "2026-01-01T00:00:00Z", "--url", &url];
+    flankwatch(&[&stream[..], &start].concat())
+        .expect_failure(&[&url, "the server's certificate is of an unknown authority"]);
+    assert!(began.elapsed() < Duration::from_secs(20), "{:?}", began.elapsed());
+    runtime.block_on(service.stop()).unwrap();
+}
+
+#[test]
+#[ignore = "needs openssl"]
+fn a_certificate_of_an_authority_is_none_of_a_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = self_signed(folder.path(), "CA:TRUE");
+    let authority = files.certificate.display().to_string();
+    let mut config = ServiceConfig::new("127.0.0.1:0".parse().unwrap(), folder.path().join("data"));
+    config.tls = Some(files);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let service = runtime.block_on(start(config, Arc::new(SystemClock))).unwrap();
+    let recording = folder.path().join("run.mcap");
+    std::fs::write(&recording, mcap(&[record("1", 1)])).unwrap();
+    let (recording, url) = (recording.display().to_string(), service.url());
+    flankwatch(&["replay", &recording, "--asset", "pump", "--url", &url, "--ca", &authority]).expect_failure(
+        &[&url, "certificate is that of an authority", "-addext basicConstraints=critical,CA:FALSE"],
+    );
     runtime.block_on(service.stop()).unwrap();
 }
 

@@ -2,8 +2,9 @@
 
 use std::fs;
 use std::io::Write;
-use std::process::{Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 
+use flankwatch::signal::Record;
 use serde_json::json;
 
 use crate::command::flankwatch;
@@ -51,8 +52,82 @@ fn stream_names_what_differs_and_refuses_a_time_that_the_stream_has_passed() {
     assert!(!ended.status.success() && error.contains(continues[0]), "{error}");
 }
 
+/// Starts `flankwatch stream` with samples of standard input, and sends a first block.
+fn piped(url: &str) -> (Child, ChildStdin) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+        .args(["stream", "-", "--asset", "pump", "--url", url, "--sample", "f32", "--rate", "1000"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut pipe = child.stdin.take().unwrap();
+    pipe.write_all(&raw(250)).unwrap();
+    (child, pipe)
+}
+
 #[test]
-fn replay_needs_times_and_goes_on_after_a_file_that_cannot_be_read() {
+fn stream_fails_when_another_sender_sends_the_stream_too() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let url = service.url("");
+    let next = || service.get("/v1/assets/pump/streams").expect(200).json()["items"][0]["next"].as_u64();
+    let stored_beyond = |before: u64| {
+        let began = std::time::Instant::now();
+        while next().is_none_or(|next| next <= before) {
+            assert!(began.elapsed() < std::time::Duration::from_secs(60), "nothing is stored");
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+        next().unwrap()
+    };
+    let (first, mut first_pipe) = piped(&url);
+    let to = stored_beyond(0);
+    let (second, second_pipe) = piped(&url);
+    stored_beyond(to);
+    // The samples of the first one are of a time that the second one has sent.
+    first_pipe.write_all(&raw(250)).unwrap();
+    drop(first_pipe);
+    let ended = first.wait_with_output().unwrap();
+    let error = String::from_utf8_lossy(&ended.stderr);
+    let words = ["samples of each channel at", "another sender sends stream main", "--name"];
+    assert!(!ended.status.success() && words.iter().all(|word| error.contains(word)), "{error}");
+    let out = String::from_utf8_lossy(&ended.stdout);
+    assert!(out.starts_with("250 samples") && !out.contains("already"), "{out}");
+    drop(second_pipe);
+    let ended = second.wait_with_output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+#[test]
+fn stream_reports_refused_records_and_an_incomplete_frame() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["stream"] = json!({ "record_s": 1, "interval_s": 1 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("samples.raw");
+    let (path, url) = (path.to_str().unwrap(), service.url(""));
+    let words = ["--asset", "pump", "--url", &url, "--sample", "f32", "--rate", "1000", "--unit"];
+    let stream = |unit: &str, start: &str, more: &[&str]| {
+        flankwatch(&[&["stream", path], &words[..], &[unit, "--start-time", start], more].concat())
+    };
+    // In m/s² they are beyond the range of a sample.
+    fs::write(path, 3e38_f32.to_le_bytes().repeat(2000)).unwrap();
+    let refused = stream("g", "2026-01-01T00:00:00Z", &[]);
+    assert!(refused.out().starts_with("2000 samples"), "{}", refused.out());
+    refused.expect_failure(&["2 records refused, the last one because "]);
+    // Those of earlier runs are not reported again.
+    fs::write(path, raw(1000)).unwrap();
+    stream("g", "2026-01-01T00:01:00Z", &[]).expect_success();
+    stream("V", "2026-01-01T00:02:00Z", &["--name", "volts"]).expect_failure(&["422", "V", "m/s2"]);
+    let three = ["--name", "three", "--channels", "3"];
+    let ended = stream("g", "2026-01-01T00:02:00Z", &three);
+    assert!(ended.out().starts_with("333 samples"), "{}", ended.out());
+    ended.expect_failure(&["samples.raw: it ends within a frame: 4 bytes follow", "frames of 12 bytes"]);
+}
+
+#[test]
+fn replay_needs_times_and_goes_on_after_a_file_that_cannot_be_sent() {
     let service = Service::start();
     service.plain_asset("pump");
     let folder = tempfile::tempdir().unwrap();
@@ -64,16 +139,22 @@ fn replay_needs_times_and_goes_on_after_a_file_that_cannot_be_read() {
     let good = write("a.mcap", &mcap(&[record("1", 1)]));
     let bad = write("b.mcap", b"\x89MCAP0\r\nno records");
     let undated = write("c.wav", &wav(&[vec![0.5; 4000], vec![0.25; 4000]]));
+    let volts = Record::new("1", "2026-01-05T00:00:00Z".parse().unwrap(), 4000.0, "V", vec![1.0; 4000]);
+    let refused = write("v.mcap", &mcap(&[volts.unwrap(), record("1", 3)]));
     let last = write("d.mcap", &mcap(&[record("1", 2)]));
     let url = service.url("");
     let to = ["--asset", "pump", "--url", &url];
-    let output = flankwatch(&[&["replay", &good, &bad, &undated, &last], &to[..]].concat());
+    let output = flankwatch(&[&["replay", &good, &bad, &undated, &refused, &last], &to[..]].concat());
     assert!(output.out().starts_with("2 records sent to "), "{}", output.out());
     output.expect_failure(&[
         "b.mcap",
         "c.wav: no time in the recording, expected --start-time or --time-from-name",
-        "failed to read 2 of 4 files",
+        "v.mcap: channel 1 at 2026-01-05T00:00:00Z: the server answered 422: ",
+        "failed to send 3 of 5 files completely",
     ]);
+    let unknown = ["--asset", "fan", "--url", &url];
+    flankwatch(&[&["replay", &good, &last], &unknown[..]].concat())
+        .expect_failure(&["a.mcap: channel 1 at 2026-01-01T00:01:00Z: the server answered 404: "]);
     let one = ["--start-time", "2026-01-02T00:00:00Z", "--channels", "2"];
     let output = flankwatch(&[&["replay", &undated], &to[..], &one].concat()).expect_success();
     assert!(output.out().starts_with("1 record sent to "), "{}", output.out());

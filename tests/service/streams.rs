@@ -273,14 +273,99 @@ fn an_endless_body_is_stored_as_it_arrives() {
     // A repeat changes nothing, and what follows is appended.
     let bare = "application/octet-stream";
     let again = service.post(&path, bare, &all).expect(200).json();
-    assert_eq!(again, json!({ "next": 3000, "gaps": [] }));
+    assert_eq!(again, json!({ "next": 3000, "gaps": [], "repeated": 3000 }));
     let append = format!("/v1/assets/pump/stream?{FORMAT}");
     assert_eq!(service.post(&append, bare, &frames(3000, 10)).expect(200).json()["next"], 3010);
     let gap = format!("{append}&first_index=4000&after_gap=true");
     let answer = service.post(&gap, bare, &frames(4000, 10)).expect(200).json();
-    assert_eq!(answer, json!({ "next": 4010, "gaps": [{ "first": 3010, "samples": 990 }] }));
-    service.post(&append, bare, &frames(4010, 1)[..3]).expect_problem(422, &["multiple"]);
+    assert_eq!(answer, json!({ "next": 4010, "gaps": [{ "first": 3010, "samples": 990 }], "repeated": 0 }));
+    let part = format!("{append}&first_index=3990");
+    let answer = service.post(&part, bare, &frames(3990, 30)).expect(200).json();
+    assert_eq!(answer, json!({ "next": 4020, "gaps": [], "repeated": 20 }));
+    service
+        .post(&format!("{append}&first_index=9007199254740992"), bare, b"")
+        .expect_problem(400, &["first_index is \"9007199254740992\", expected a number below 2^53"]);
+    service.post(&append, bare, &frames(4020, 1)[..3]).expect_problem(422, &["multiple"]);
     service.post(&append, "audio/wav", &all).expect_problem(415, &["application/octet-stream"]);
+}
+
+#[test]
+fn a_count_that_restarts_is_refused_and_a_repeat_is_not() {
+    let mut service = service();
+    let post = |service: &Service, first: u64, count: u64, more: &str| {
+        let path = format!("/v1/assets/pump/stream?{FORMAT}&first_index={first}{more}");
+        service.post(&path, "application/octet-stream", &frames(first, count))
+    };
+    let (begin, later) = ("&start_time=2026-01-01T00:00:00Z", "&start_time=2026-01-01T01:00:00Z");
+    post(&service, 0, 4000, begin).expect(200);
+    let repeated = |answer: Value| (answer["next"].clone(), answer["repeated"].clone());
+    assert_eq!(repeated(post(&service, 0, 4000, begin).expect(200).json()), (json!(4000), json!(4000)));
+    // Without a clock nobody can tell.
+    assert_eq!(repeated(post(&service, 0, 1000, "").expect(200).json()), (json!(4000), json!(1000)));
+    service.restart();
+    let problem = post(&service, 0, 1000, later).expect_problem(
+        409,
+        &["first_index is 0, expected at least 4000", "a sender whose count restarts needs another stream"],
+    );
+    assert_eq!(problem["field"], "first_index");
+    let mut socket = open(&service, "");
+    socket.send(1000, time_ns(1000), &frames(1000, 1000));
+    socket.wait_for(4000);
+    socket.send(0, time_ns(3_600_000), &frames(0, 1000));
+    let (code, reason) = socket.receive().unwrap_err();
+    assert!(code == 4400 && reason.contains("first_index is 0, expected at least 4000"), "{code} {reason}");
+    // The clock is set by an hour, back and ahead: what was sent before and after it is repeated.
+    for (first, set) in [(4000, -3600), (5000, 3600)] {
+        let at_ns = time_ns(first) + set * 1_000_000_000;
+        let mut socket = open(&service, "");
+        socket.send(first, at_ns, &frames(first, 1000));
+        socket.send(first, at_ns, &frames(first, 1000));
+        socket.send(0, time_ns(0), &frames(0, 1000));
+        socket.wait_for(first + 1000);
+        socket.send_json(&json!({ "type": "end" }));
+        let closed = loop {
+            if let Err(closed) = socket.receive() {
+                break closed;
+            }
+        };
+        assert_eq!(closed.0, 1000, "{closed:?}");
+    }
+    assert_eq!(status(&service)["next"], 6000);
+}
+
+#[test]
+fn a_unit_that_no_record_can_have_is_refused_before_the_samples() {
+    let service = service();
+    let post = |more: &str| {
+        let path = format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz=1000&{more}");
+        service.post(&path, "application/octet-stream", &[0; 4000])
+    };
+    let problem = post("name=a&unit=V").expect_problem(422, &["V", "m/s2"]);
+    assert_eq!((&problem["field"], &problem["value"]), (&json!("unit"), &json!("V")));
+    post("name=a&unit=").expect_problem(422, &["unit is \"\""]);
+    assert_eq!(
+        StreamSocket::open(&service.url("/v1/assets/pump/stream?sample=f32&sample_rate_hz=1000&unit=V"), &[])
+            .map(|_| ())
+            .unwrap_err(),
+        422
+    );
+    post("name=b&unit=g").expect(200);
+    post("name=c").expect(200);
+    // A point has a unit of its own, and a tachometer none.
+    let mut asset = asset(2.0, 10.0);
+    asset["points"] = json!([{ "channel": "volts", "unit": "V" }]);
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    post("name=d&unit=V&channel_names=volts").expect(200);
+    let tachometer = "channels=2&tachometer_channel=tacho&tachometer_level=1";
+    post(&format!("name=e&unit=V&channel_names=volts,tacho&{tachometer}")).expect(200);
+    post("name=f&unit=V&channels=2&channel_names=volts,tacho").expect_problem(422, &["tacho", "V", "m/s2"]);
+    let names: Vec<Value> = service.get("/v1/assets/pump/streams").expect(200).json()["items"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|stream| stream["name"].clone())
+        .collect();
+    assert_eq!(names, ["b", "c", "d", "e"]);
 }
 
 #[test]
@@ -363,6 +448,18 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     service
         .post(&format!("/v1/assets/pump/stream?{FORMAT}&name=posted"), "application/octet-stream", &body)
         .expect_problem(422, &["1001 bytes, expected a multiple of 4 (one sample of each of 2 channels)"]);
+    // What only a body has, and an index that is none.
+    for (more, words) in [
+        (
+            "start_time=2026-01-01T00:00:00Z",
+            "start_time is 2026-01-01T00:00:00Z, expected no start time in a GET",
+        ),
+        ("after_gap=true", "after_gap is true, expected false in a GET"),
+        ("first_index=9007199254740992", "first_index is \"9007199254740992\", expected a number below 2^53"),
+    ] {
+        assert_eq!(refused(&format!("pump/stream?{FORMAT}&{more}")), 400);
+        service.get(&format!("/v1/assets/pump/stream?{more}")).expect_problem(400, &[words]);
+    }
     // 2 s of 256 channels at 1 MHz are too large for a record.
     assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000000&channels=256"), 422);
     let mut first = open(&service, "&first_index=0");
@@ -382,6 +479,11 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     assert_eq!(second.next, Some(20));
     second.send_json(&json!({ "type": "dance" }));
     assert_eq!(second.receive().unwrap_err().0, 4400);
+    let mut second = open(&service, "");
+    second.send_json(&json!({ "type": "operating", "torque_nm": "5" }));
+    let (code, reason) = second.receive().unwrap_err();
+    let words = "torque_nm: invalid type: string \"5\", expected f64";
+    assert!(code == 4400 && reason.contains(words), "{code} {reason}");
     // A standstill is an operating point, unlike a speed that no record can have.
     let mut second = open(&service, "");
     second.send_json(&json!({ "type": "operating", "shaft_speed_hz": 0 }));

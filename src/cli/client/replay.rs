@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use jiff::Timestamp;
 
-use super::server::{ServerArgs, asset_id, refusal};
+use super::server::{ServerArgs, asset_id, failure, refusal};
 use crate::cli::recordings::reading_progress::ReadingProgress;
 use crate::cli::recordings::recording_files::recording_files;
 use crate::cli::recordings::recording_values::RecordingValues;
@@ -82,7 +82,7 @@ pub(in crate::cli) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))?;
     match result? {
         0 => Ok(()),
-        failed => Err(CliError::SomeFailed { failed, all: files.len() }),
+        failed => Err(CliError::SomeFailed { action: "send", failed, all: files.len() }),
     }
 }
 
@@ -96,7 +96,8 @@ struct Sender<'a> {
 }
 
 impl Sender<'_> {
-    /// Sends all files; returns how many could not be read. Only an error of the server ends it.
+    /// Sends all files; returns how many could not be read, or have a record that the server refuses. Only
+    /// another error of the server ends it.
     fn send_files(
         &mut self,
         files: &[PathBuf],
@@ -149,7 +150,7 @@ impl Sender<'_> {
             }
             *next_start = args.values.next_start(*next_start, recorded.record.end_time());
             self.wait_until_due(recorded.record.start_time());
-            self.send(&recorded, progress)?;
+            self.send(path, &recorded, progress)?;
             progress.set_read(file.bytes_read());
         }
         *next_start = file.end_time().map_or(*next_start, |end| args.values.next_start(*next_start, end));
@@ -164,10 +165,14 @@ impl Sender<'_> {
         thread::sleep(Duration::from_secs_f64(due.min(1e9)).saturating_sub(began.elapsed()));
     }
 
-    fn send(&mut self, recorded: &Recorded, progress: &ReadingProgress) -> Result<(), CliError> {
+    fn send(&mut self, path: &Path, recorded: &Recorded, progress: &ReadingProgress) -> Result<(), CliError> {
         let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
         let mut wait = Duration::from_millis(250);
-        let failed = |reason: String| CliError::Server { url: self.url.clone(), reason };
+        let record = format!("channel {} at {}", recorded.record.channel(), recorded.record.start_time());
+        let failed = |reason: String| {
+            let reason = format!("{}: {record}: {reason}", path.display());
+            CliError::Server { url: self.url.clone(), reason }
+        };
         let mut attempts = 0;
         loop {
             attempts += 1;
@@ -191,13 +196,19 @@ impl Sender<'_> {
                     let header = response.headers().get("retry-after");
                     let seconds = header.and_then(|value| value.to_str().ok()?.parse().ok());
                     let reason = refusal(status, &response.body_mut().read_to_string().unwrap_or_default());
+                    if matches!(status, 413 | 422) {
+                        return Err(CliError::file(path)(format!("{record}: {reason}")));
+                    }
                     if !matches!(status, 429 | 502 | 503 | 504 | 507) {
                         return Err(failed(reason));
                     }
                     retry_after = seconds.map(Duration::from_secs);
                     reason
                 }
-                Err(error) => error.to_string(),
+                Err(error) => match failure(&error) {
+                    (reason, true) => reason,
+                    (reason, false) => return Err(failed(reason)),
+                },
             };
             if attempts == MAX_ATTEMPTS {
                 return Err(failed(format!(

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use jiff::Timestamp;
+use tokio_rustls::rustls::{self, CertificateError};
 use ureq::tls::{RootCerts, TlsConfig};
 
 use crate::asset::AssetId;
@@ -75,13 +76,49 @@ pub(super) fn refusal(status: u16, body: &str) -> String {
     format!("the server answered {status}: {detail}")
 }
 
+/// Describes why a request has no answer; also returns whether another attempt may have one.
+pub(super) fn failure(error: &ureq::Error) -> (String, bool) {
+    let of_tls = match error {
+        ureq::Error::Rustls(error) => Some(error),
+        ureq::Error::Io(error) => error.get_ref().and_then(|error| error.downcast_ref::<rustls::Error>()),
+        _ => None,
+    };
+    match (of_tls, error) {
+        (Some(of_tls), _) => (tls_failure(of_tls), false),
+        (None, ureq::Error::Protocol(cause)) => {
+            (format!("the answer is not HTTP ({cause}): a server with TLS needs a URL with https://"), false)
+        }
+        (None, error) => (error.to_string(), true),
+    }
+}
+
+fn tls_failure(error: &rustls::Error) -> String {
+    match error {
+        rustls::Error::InvalidCertificate(CertificateError::UnknownIssuer) => {
+            "the server's certificate is of an unknown authority, expected one of the file of --ca, or without \
+             --ca a public one"
+                .to_owned()
+        }
+        rustls::Error::InvalidCertificate(cause) if format!("{cause:?}").contains("CaUsedAsEndEntity") => {
+            "the server's certificate is that of an authority, expected that of a server: make it with openssl \
+             req … -addext basicConstraints=critical,CA:FALSE"
+                .to_owned()
+        }
+        rustls::Error::InvalidCertificate(cause) => format!("the server's certificate is invalid: {cause}"),
+        rustls::Error::InvalidMessage(_) => {
+            "the server does not use TLS, expected a URL with http://".to_owned()
+        }
+        error => format!("no TLS connection: {error}"),
+    }
+}
+
 /// Returns a successful response.
 pub(super) fn success(
     url: &str,
     result: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
 ) -> Result<ureq::http::Response<ureq::Body>, CliError> {
     let failed = |reason: String| CliError::Server { url: url.to_owned(), reason };
-    let mut response = result.map_err(|error| failed(error.to_string()))?;
+    let mut response = result.map_err(|error| failed(failure(&error).0))?;
     let status = response.status();
     if !status.is_success() {
         let body = response.body_mut().read_to_string().unwrap_or_default();

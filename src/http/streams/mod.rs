@@ -33,10 +33,10 @@ use super::request::query::{AssetPath, Parameters};
 use super::server::connections::closing;
 use crate::asset::{AssetId, DEFAULT_STREAM};
 use crate::recording::RawSample;
-use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{ServiceError, StreamProgress, StreamSender};
+use crate::recording::stream::{Chunk, MAX_INDEX, StreamFormat};
+use crate::service::{ServiceError, StreamSender};
 use crate::store::StoreError;
-use views::{KeptView, StreamList, StreamView};
+use views::{KeptView, StreamAnswer, StreamList, StreamView};
 
 const RAW: &str = "application/octet-stream";
 
@@ -80,19 +80,22 @@ pub(super) struct StreamParameters {
     /// Index of the first sample in the body; by default the next one. For a new stream over a WebSocket: its
     /// first index.
     #[serde(default, deserialize_with = "sample_index")]
+    #[param(maximum = 9007199254740991_i64)]
     first_index: Option<u64>,
     /// When the first sample in the body was measured.
+    #[param(ignore)]
     start_time: Option<Timestamp>,
     /// No samples before `first_index` will follow: missing ones are a gap at once.
     #[serde(default)]
+    #[param(ignore)]
     after_gap: bool,
 }
 
-/// Parses an index that fits into a signed 64-bit integer, in which it is stored.
+/// Parses the index of a sample.
 fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::Error> {
     let index = Option::<u64>::deserialize(given)?;
-    match index.filter(|index| i64::try_from(*index).is_err()) {
-        Some(index) => Err(D::Error::custom(format!("the index is {index}, expected a number below 2^63"))),
+    match index.filter(|index| *index >= MAX_INDEX) {
+        Some(index) => Err(D::Error::custom(format!("the index is {index}, expected a number below 2^53"))),
         None => Ok(index),
     }
 }
@@ -149,6 +152,19 @@ impl StreamParameters {
     fn name(&self) -> &str {
         self.name.as_deref().unwrap_or(DEFAULT_STREAM)
     }
+
+    /// Refuses what only the samples of a body have.
+    fn check_without_body(&self) -> Result<(), Problem> {
+        if let Some(start_time) = self.start_time {
+            let expected = "no start time in a GET: over a WebSocket each message has its time";
+            return Err(Problem::query("start_time", start_time, expected));
+        }
+        if self.after_gap {
+            let expected = "false in a GET: over a WebSocket a message `gap` says so";
+            return Err(Problem::query("after_gap", true, expected));
+        }
+        Ok(())
+    }
 }
 
 /// An open stream, with its place in the limit on streams.
@@ -198,6 +214,7 @@ pub(super) async fn connect(
     caller: Option<Extension<Caller>>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
+    params.check_without_body()?;
     let Ok(upgrade) = upgrade else {
         let status = app.service.streams.status(&asset, params.name()).await?;
         return Ok(Json(StreamView::from(status)).into_response());
@@ -220,11 +237,15 @@ pub(super) async fn connect(
     post,
     path = "/v1/assets/{asset}/stream",
     tag = "streams",
-    params(StreamParameters),
+    params(
+        StreamParameters,
+        ("start_time" = Option<Timestamp>, Query, description = "When the first sample in the body was measured"),
+        ("after_gap" = Option<bool>, Query, description = "No samples before `first_index` will follow: missing ones are a gap at once; default false"),
+    ),
     request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
     responses(
-        (status = 200, body = StreamProgress),
-        (status = 409, description = "The stream has another format, or another connection is sending it"),
+        (status = 200, body = StreamAnswer),
+        (status = 409, description = "The stream has another format, another connection is sending it, or the sender's count has restarted"),
     ),
 )]
 pub(super) async fn send(
@@ -235,7 +256,7 @@ pub(super) async fn send(
     caller: Option<Extension<Caller>>,
     headers: HeaderMap,
     body: Body,
-) -> Result<Json<StreamProgress>, Problem> {
+) -> Result<Json<StreamAnswer>, Problem> {
     let media_type = body::media_type(&headers);
     if media_type.as_deref() != Some(RAW) {
         return Err(body::unsupported(media_type.as_deref(), RAW));
@@ -244,7 +265,7 @@ pub(super) async fn send(
     let after_gap = params.after_gap.then(|| params.first_index.ok_or_else(missing)).transpose()?;
     let mut start_time_ns = params.start_time.map(nanoseconds).transpose()?;
     let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
-    let mut gaps = Vec::new();
+    let (mut gaps, stored_to) = (Vec::new(), sender.next());
     if let Some(first) = after_gap {
         gaps.extend(sender.give_up_before(first).await?.gaps);
     }
@@ -255,7 +276,8 @@ pub(super) async fn send(
         received: 0,
         rest: BytesMut::new(),
     };
-    let mut first = params.first_index.or(sender.next()).unwrap_or(0);
+    let begin = params.first_index.or(sender.next()).unwrap_or(0);
+    let mut first = begin;
     let mut over = app.service.streams.follow_end();
     let mut token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
     let mut checked_at = Instant::now();
@@ -277,11 +299,13 @@ pub(super) async fn send(
         if params.start_time.is_some() {
             // The sender's clock determines the time
             chunk.time_ns = start_time_ns.take();
+            sender.check_repeat(&chunk)?;
         }
         gaps.extend(sender.take(vec![chunk]).await?.gaps);
         first += frames;
     }
-    Ok(Json(StreamProgress { next: sender.next(), gaps }))
+    let repeated = stored_to.map_or(0, |stored_to| stored_to.clamp(begin, first) - begin);
+    Ok(Json(StreamAnswer { next: sender.next(), gaps, repeated }))
 }
 
 /// The start time of samples in nanoseconds.

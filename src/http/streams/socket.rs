@@ -7,6 +7,7 @@ use axum::response::Response;
 use bytes::Bytes;
 use futures_util::FutureExt;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 use tokio::sync::watch;
 
 use super::{CHECK_INTERVAL, OpenStream, refresh};
@@ -32,9 +33,9 @@ const HEAD_BYTES: usize = 16;
 const PING_AFTER: Duration = Duration::from_secs(15);
 const GONE_AFTER: Duration = Duration::from_secs(45);
 
-/// A control message of a sender.
+/// A control message of a sender, by its `type`.
 #[derive(Debug, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 enum ClientMessage {
     /// No samples before this index will follow.
     Gap { next: u64 },
@@ -48,11 +49,32 @@ enum ClientMessage {
         pulses_per_revolution: u32,
     },
     /// The stream ends for now.
-    End,
+    End {},
 }
 
 fn one() -> u32 {
     1
+}
+
+impl ClientMessage {
+    /// Reads a message; an error names the field at fault.
+    fn parse(text: &str) -> Result<Self, String> {
+        let mut fields: Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let kind = match fields.remove("type") {
+            Some(Value::String(kind)) => kind,
+            Some(other) => return Err(format!("type is {other}, expected the name of a message")),
+            None => return Err("missing field `type`".to_owned()),
+        };
+        // A field within a tagged enum has no path, unlike one of the value of a tag.
+        let message = json!({ kind.as_str(): fields });
+        serde_path_to_error::deserialize(message).map_err(|error| {
+            let path = error.path().to_string();
+            match path.strip_prefix(&kind).and_then(|path| path.strip_prefix('.')) {
+                Some(path) => format!("{path}: {}", error.inner()),
+                None => error.inner().to_string(),
+            }
+        })
+    }
 }
 
 /// A message to a sender.
@@ -86,7 +108,9 @@ impl Closing {
 impl From<ServiceError> for Closing {
     fn from(error: ServiceError) -> Self {
         let code = match &error {
-            ServiceError::Recording(_) | ServiceError::Field { .. } => 4400,
+            ServiceError::Recording(_)
+            | ServiceError::Field { .. }
+            | ServiceError::StreamRestarted { .. } => 4400,
             ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamUnknown { .. } => 4404,
             ServiceError::StreamTaken => 4409,
             ServiceError::Store(error) if error.is_full() => 4507,
@@ -246,7 +270,7 @@ impl Connection {
     }
 
     async fn handle_control(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
-        let message = serde_json::from_str(text);
+        let message = ClientMessage::parse(text);
         match message.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
             ClientMessage::Gap { next } => {
                 let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
@@ -262,7 +286,7 @@ impl Connection {
                 self.sender.take_pulses(pulses).await?;
                 Ok(true)
             }
-            ClientMessage::End => Err(Closing::end()),
+            ClientMessage::End {} => Err(Closing::end()),
         }
     }
 
@@ -279,6 +303,7 @@ impl Connection {
         let mut chunk = self.sender.received_now(first, bytes);
         if time_ns != 0 {
             chunk.time_ns = Some(time_ns);
+            self.sender.check_repeat(&chunk)?;
         }
         Ok(chunk)
     }
@@ -298,4 +323,33 @@ async fn send_message(socket: &mut WebSocket, message: &ServerMessage) -> bool {
     // A structure of numbers and names always serialises
     let text = serde_json::to_string(message).unwrap_or_default();
     socket.send(Message::Text(text.into())).await.is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_invalid_message_names_the_field() {
+        for (text, words) in [
+            (
+                r#"{"type":"operating","torque_nm":"5"}"#,
+                "torque_nm: invalid type: string \"5\", expected f64",
+            ),
+            (r#"{"type":"tachometer","from":0,"pulses":[1,"2"]}"#, "pulses[1]: invalid type"),
+            (r#"{"type":"gap","next":-1}"#, "next: invalid value: integer `-1`"),
+            (r#"{"type":"gap"}"#, "missing field `next`"),
+            (r#"{"type":"operating","speed":3}"#, "unknown field `speed`, expected one of `shaft_speed_hz`"),
+            (r#"{"type":"end","x":1}"#, "unknown field `x`"),
+            (r#"{"type":"dance"}"#, "unknown variant `dance`, expected one of `gap`, `operating`"),
+            (r#"{"type":5}"#, "type is 5, expected"),
+            (r#"{"next":5}"#, "missing field `type`"),
+            ("{", "EOF"),
+        ] {
+            let error = ClientMessage::parse(text).unwrap_err();
+            assert!(error.contains(words), "{text}: {error}");
+        }
+        let end = ClientMessage::parse(r#"{"type":"end"}"#);
+        assert!(matches!(end, Ok(ClientMessage::End {})), "{end:?}");
+    }
 }

@@ -3,7 +3,18 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
-use crate::service::{CampaignStatus, StreamStatus};
+use crate::service::{CampaignStatus, StreamGap, StreamStatus};
+
+/// The result of sending samples in a body.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(crate) struct StreamAnswer {
+    /// Index of the next expected sample: all earlier ones are stored or known to be missing.
+    pub(crate) next: Option<u64>,
+    /// Gaps that were detected.
+    pub(crate) gaps: Vec<StreamGap>,
+    /// Samples of each channel in the body that were not stored, as the stream had passed them already.
+    pub(crate) repeated: u64,
+}
 
 /// The status of a stream.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

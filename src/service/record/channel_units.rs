@@ -6,11 +6,14 @@ use std::collections::HashMap;
 use crate::asset::AssetSpec;
 use crate::recording::RecordingError;
 use crate::service::error::ServiceError;
-use crate::signal::Record;
+use crate::signal::{Record, RecordError};
 use crate::store::Store;
 
 /// The unit of samples whose unit is unknown.
 const UNKNOWN: &str = "1";
+
+/// Maximum length of a unit in bytes.
+const MAX_UNIT_BYTES: usize = 64;
 
 /// Units of the channels of an asset.
 #[derive(Debug, Clone, Default)]
@@ -48,6 +51,24 @@ impl ChannelUnits {
         }
     }
 
+    /// Checks that a channel may have samples in a unit, as [`convert`](Self::convert) does.
+    ///
+    /// # Errors
+    /// The unit is not one, or cannot be converted to that of the channel.
+    pub(crate) fn check(&self, channel: &str, unit: &str) -> Result<(), ServiceError> {
+        check_unit(unit)?;
+        let expected = self.by_channel.get(channel).or(self.others.as_ref());
+        match expected.filter(|expected| crate::signal::unit_factor(unit, expected).is_none()) {
+            Some(expected) => {
+                let (channel, found, expected) = (channel.to_owned(), unit.to_owned(), expected.clone());
+                let is_acceleration = crate::signal::unit_factor(&expected, "m/s2").is_some();
+                let error = RecordError::Unit { channel, found, expected, is_acceleration };
+                Err(RecordingError::from(error).into())
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Converts a record to the unit of its channel. Also returns its original unit if the sample values
     /// changed.
     ///
@@ -63,4 +84,16 @@ impl ChannelUnits {
         let fixed = record.in_unit(unit).map_err(RecordingError::from)?;
         Ok((fixed, (!is_same).then_some(original_unit)))
     }
+}
+
+/// Checks the name of a unit.
+pub(super) fn check_unit(unit: &str) -> Result<(), ServiceError> {
+    if unit.is_empty() || unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
+        return Err(ServiceError::Field {
+            field: "unit",
+            value: format!("{:?}", unit.chars().take(MAX_UNIT_BYTES).collect::<String>()),
+            expected: format!("1 to {MAX_UNIT_BYTES} bytes without control characters").into(),
+        });
+    }
+    Ok(())
 }

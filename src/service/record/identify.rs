@@ -6,16 +6,13 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::channel_units::ChannelUnits;
+use super::channel_units::{ChannelUnits, check_unit};
 use super::decode::RecordFormat;
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{Recorded, RecordingError};
 use crate::service::error::ServiceError;
 use crate::signal::Record;
 use crate::store::{Objects, RecordNote, Store};
-
-/// Maximum length of a unit in bytes.
-const MAX_UNIT_BYTES: usize = 64;
 
 /// Maximum reference wear depth in µm, the same as for an inspection.
 const MAX_DEPTH_UM: f64 = 1e5;
@@ -122,7 +119,7 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
         let expected = "a name of 1 to 200 characters, none of them control characters";
         return refuse("channel", format!("{channel:?}"), expected);
     }
-    check_unit(record)?;
+    check_unit(record.unit())?;
     if i64::try_from(record.start_time().as_nanosecond()).is_err() {
         let expected = "a time from 1677-09-21 to 2262-04-11";
         return refuse("start_time", record.start_time().to_string(), expected);
@@ -135,20 +132,6 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
     }
 }
 
-fn check_unit(record: &Record) -> Result<(), ServiceError> {
-    let unit = record.unit();
-    if unit.is_empty() || unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
-        return Err(ServiceError::Field {
-            field: "unit",
-            value: format!("{:?}", unit.chars().take(MAX_UNIT_BYTES).collect::<String>()),
-            expected: format!("1 to {MAX_UNIT_BYTES} bytes without control characters").into(),
-        });
-    }
-    Ok(())
-}
-
-/// Returns an error if a record is so far in the future that a clock must be wrong: it would turn every later
-/// record into a late one.
 /// Checks that a repeated record states nothing that contradicts the stored one.
 ///
 /// # Errors
@@ -174,6 +157,8 @@ pub(crate) fn check_repeat(repeated: &RecordNote, stored: &Segment) -> Result<()
     Ok(())
 }
 
+/// Returns an error if a record is so far in the future that a clock must be wrong: it would turn every later
+/// record into a late one.
 pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(), ServiceError> {
     if start_time <= latest {
         return Ok(());
@@ -196,7 +181,7 @@ pub(crate) fn identify_upload(
 ) -> Result<Vec<IdentifiedRecord>, ServiceError> {
     let sha256 = Objects::name(bytes);
     let identified = (0..).zip(records).map(|(channel_index, record)| {
-        check_unit(&record)?;
+        check_unit(record.unit())?;
         units.note_first(&record);
         let (record, original_unit) = units.convert(record)?;
         let raw = RawReference {
@@ -221,7 +206,7 @@ pub(crate) fn identify_recorded(
 ) -> IdentifiedOrRefused {
     let recorded = record.map_err(|error| (None, error.into()))?;
     let channel = recorded.record.channel().to_string();
-    let fixed = check_unit(&recorded.record).and_then(|()| units.convert(recorded.record));
+    let fixed = check_unit(recorded.record.unit()).and_then(|()| units.convert(recorded.record));
     let (record, original_unit) = fixed.map_err(|error| (Some(channel.clone()), error))?;
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),

@@ -37,6 +37,7 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
 use super::pipeline::Pipeline;
+use super::record::ChannelUnits;
 use super::sensor_group::SensorGroup;
 use super::workers::{Workers, blocking};
 use crate::asset::AssetId;
@@ -87,8 +88,6 @@ pub struct StreamStatus {
     pub next: Option<u64>,
     /// The time of this index.
     pub next_time: Option<Timestamp>,
-    /// The time of this index by the sender's clock, which may have jumped.
-    pub sender_time: Option<Timestamp>,
     /// Deviation of the actual from the nominal sampling rate in parts per million; positive if samples
     /// arrive faster.
     pub drift_ppm: Option<f64>,
@@ -137,8 +136,8 @@ impl Streams {
     /// by default that of its first sample.
     ///
     /// # Errors
-    /// The asset has no sensor of its own; the stream has another format; a record of it would be too large;
-    /// the asset has too many streams; the stream may be that of an asset which the database has lost.
+    /// The asset has no sensor of its own; its unit cannot be converted to that of a channel; the stream has
+    /// another format; a record of it would be too large; the asset has too many streams; the stream may be that of an asset which the database has lost.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -148,11 +147,15 @@ impl Streams {
     ) -> Result<StreamSender, ServiceError> {
         check_name(name)?;
         let described = SensorGroup::of(&self.store, asset).await?.asset;
+        if let Some(unit) = &format.unit {
+            let units = ChannelUnits::of(&self.store, &described.spec).await?;
+            format.signal_names().iter().try_for_each(|channel| units.check(channel, unit))?;
+        }
         let cutting = Arc::new(Cutting::of(&described.spec, &format)?);
         let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
         let is_held = self.store.removal_hold().is_some();
-        let (next, owner, beginning, is_timed) = blocking("open a stream", move || {
+        let (next, owner, beginning, is_timed, newest_ns) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     if is_held {
@@ -164,7 +167,7 @@ impl Streams {
                 }
                 let Some(stored) = stored else {
                     let beginning = Beginning { asset_created_at: created_at, format: wanted.clone(), first };
-                    return Ok((first, opened.take_over(), Some(beginning), false));
+                    return Ok((first, opened.take_over(), Some(beginning), false, None));
                 };
                 if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
                     let (asset, name) = (opened.asset.clone(), opened.name.clone());
@@ -179,14 +182,26 @@ impl Streams {
                     opened.take_over()
                 };
                 stored.drop_waiting_chunks();
-                Ok((stored.state().next, owner, None, stored.is_timed()))
+                let state = stored.state();
+                Ok((state.next, owner, None, stored.is_timed(), state.newest_ns))
             })
         })
         .await??;
         self.cut_in_background(&stream);
         let pending = stream.follow_pending();
         let streams = Arc::clone(self);
-        Ok(StreamSender { streams, stream, owner, cutting, format, next, beginning, is_timed, pending })
+        Ok(StreamSender {
+            streams,
+            stream,
+            owner,
+            cutting,
+            format,
+            next,
+            beginning,
+            is_timed,
+            newest_ns,
+            pending,
+        })
     }
 
     /// The status of each stream of an asset, sorted by name.
@@ -437,7 +452,6 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, Se
         format: state.format.clone(),
         next: state.next,
         next_time: state.next.and_then(|next| state.time(next)),
-        sender_time: state.next.and_then(|next| state.sender_time(next)),
         drift_ppm: state.clock.drift_ppm(),
         clock_jumps: state.clock.jumps(),
         gaps: state.gaps,

@@ -18,6 +18,9 @@ use crate::service::record::check_time;
 use crate::service::workers::blocking;
 use crate::signal::OperatingPoint;
 
+/// Time in nanoseconds by which a chunk that repeats stored samples may be newer than all of them.
+const REPEAT_TOLERANCE_NS: i64 = 1_000_000_000;
+
 /// A stream opened for sending by one connection.
 pub struct StreamSender {
     pub(super) streams: Arc<Streams>,
@@ -30,6 +33,8 @@ pub struct StreamSender {
     pub(super) beginning: Option<Beginning>,
     /// Whether the time of the stream's samples is known.
     pub(super) is_timed: bool,
+    /// The latest time after a stored sample, by the sender's clock.
+    pub(super) newest_ns: Option<i64>,
     pub(super) pending: watch::Receiver<usize>,
 }
 
@@ -50,6 +55,26 @@ impl StreamSender {
         let length_ns = (frames / self.format.sample_rate_hz() * 1e9) as i128;
         let time_ns = self.streams.clock.now().as_nanosecond() - length_ns;
         Chunk { first, time_ns: i64::try_from(time_ns).ok(), bytes }
+    }
+
+    /// Checks that a chunk whose samples are all stored is a repeated one: its time, by the sender's clock, is
+    /// not after that of all stored samples.
+    ///
+    /// # Errors
+    /// [`ServiceError::StreamRestarted`].
+    pub fn check_repeat(&self, chunk: &Chunk) -> Result<(), ServiceError> {
+        let frames = (chunk.bytes.len() / self.format.frame_bytes()) as u64;
+        let stored_to = self.next.filter(|next| frames > 0 && chunk.first.saturating_add(frames) <= *next);
+        let is_newer = self
+            .newest_ns
+            .zip(chunk.time_ns)
+            .is_some_and(|(newest_ns, time_ns)| time_ns.saturating_sub(newest_ns) > REPEAT_TOLERANCE_NS);
+        let Some(next) = stored_to.filter(|_| is_newer) else { return Ok(()) };
+        let expected = format!(
+            "at least {next}, as its time is after that of all stored samples: a sender whose count restarts \
+             needs another stream, or counts from its clock (seconds since 1970 × sampling rate)"
+        );
+        Err(ServiceError::StreamRestarted { first: chunk.first, expected })
     }
 
     /// Stores chunks; returns once they are durable. Waits while too many records of the stream wait for the
@@ -158,11 +183,11 @@ impl StreamSender {
         let write = move || {
             stream.with_sent(owner, beginning, |stored| {
                 let done = work(stored)?;
-                Ok((done, stored.state().next, stored.is_timed()))
+                Ok((done, stored.state().next, stored.is_timed(), stored.state().newest_ns))
             })
         };
-        let (done, next, is_timed) = blocking("write a stream", write).await??;
-        (self.next, self.is_timed, self.beginning) = (next, is_timed, None);
+        let (done, next, is_timed, newest_ns) = blocking("write a stream", write).await??;
+        (self.next, self.is_timed, self.newest_ns, self.beginning) = (next, is_timed, newest_ns, None);
         self.streams.cut_in_background(&self.stream);
         Ok(done)
     }

@@ -26,6 +26,9 @@ pub(crate) struct StreamState {
     pub(crate) format: StreamFormat,
     pub(crate) next: Option<u64>,
     pub(crate) clock: StreamClock,
+    /// The latest time after a stored sample, by the sender's clock.
+    #[serde(default)]
+    pub(super) newest_ns: Option<i64>,
     pub(crate) pending: VecDeque<PendingCut>,
     pub(crate) gaps: u64,
     pub(crate) gap_samples: u64,
@@ -112,6 +115,7 @@ impl StreamState {
             asset_created_at,
             next,
             clock: StreamClock::new(format.sample_rate_hz()),
+            newest_ns: None,
             format,
             pending: VecDeque::new(),
             gaps: 0,
@@ -149,6 +153,11 @@ impl StreamState {
                 if let Some(time_ns) = time_ns {
                     self.clock.observe(*first, *time_ns);
                 }
+                let length_ns = (self.format.seconds(frames) * 1e9) as i64;
+                self.newest_ns = match time_ns {
+                    Some(time_ns) => self.newest_ns.max(Some(time_ns.saturating_add(length_ns))),
+                    None => self.newest_ns.map(|newest_ns| newest_ns.saturating_add(length_ns)),
+                };
                 self.cutter.extend(*first, frames);
                 let mut over = Vec::new();
                 self.meter.extend(&self.format, *first, bytes, &mut over);
@@ -263,11 +272,6 @@ impl StreamState {
     /// The time of a sample; `None` before the first one.
     pub(crate) fn time(&self, index: u64) -> Option<Timestamp> {
         Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
-    }
-
-    /// The time of a sample by the sender's clock; `None` before the first one.
-    pub(super) fn sender_time(&self, index: u64) -> Option<Timestamp> {
-        Timestamp::from_nanosecond(self.clock.sender_time_ns(index)?.into()).ok()
     }
 
     /// The pulses of a planned record, which never change.

@@ -41,8 +41,7 @@ pub struct StreamGap {
 }
 
 /// The result of sending samples.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
-#[schema(as = StreamAnswer)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StreamProgress {
     /// Index of the next expected sample: all earlier ones are stored or known to be missing.
     pub next: Option<u64>,

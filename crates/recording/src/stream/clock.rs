@@ -97,14 +97,6 @@ impl StreamClock {
         Some(anchor.time_ns.saturating_add((seconds * 1e9).round() as i64))
     }
 
-    /// Returns the time that the sender's clock shows at a sample, by the last window's observation; `None`
-    /// before the first observation.
-    pub fn sender_time_ns(&self, index: u64) -> Option<i64> {
-        let window = self.window?;
-        let seconds = (index as f64 - window.index as f64) / self.sample_rate_hz;
-        Some(window.time_ns.saturating_add((seconds * 1e9).round() as i64))
-    }
-
     /// Returns the excess of the sampling rate over the sender's rate in parts per million; `None` until it
     /// is known.
     pub fn drift_ppm(&self) -> Option<f64> {
@@ -203,10 +195,6 @@ mod tests {
                 let (clock, worst) = run(2 * at, 5e-5, |second| if second >= at { jump_s } else { 0.0 });
                 assert!(worst < 0.02, "{worst} s with a jump of {jump_s} s");
                 assert_eq!(clock.jumps(), 1);
-                let index = 2 * at * RATE_HZ as u64;
-                let sender_s = (clock.sender_time_ns(index).unwrap() - BEGIN_NS) as f64 / 1e9;
-                let expected_s = (2 * at) as f64 / (1.0 + 5e-5) + jump_s;
-                assert!((sender_s - expected_s).abs() < 0.05, "{sender_s} s with a jump of {jump_s} s");
                 let drift_ppm = clock.drift_ppm().unwrap();
                 assert!((drift_ppm - 50.0).abs() < 8.0, "{drift_ppm} ppm with a jump of {jump_s} s");
             }
@@ -225,7 +213,6 @@ mod tests {
         let (clock, _) = run(200, 1e-4, |_| 0.0);
         let stored = serde_json::to_string(&clock).unwrap();
         assert_eq!(serde_json::from_str::<StreamClock>(&stored).unwrap(), clock);
-        let unknown = StreamClock::new(RATE_HZ);
-        assert_eq!((unknown.time_ns(0), unknown.sender_time_ns(0)), (None, None));
+        assert_eq!(StreamClock::new(RATE_HZ).time_ns(0), None);
     }
 }

@@ -186,6 +186,15 @@ impl StreamFormat {
         self.channel_names.clone()
     }
 
+    /// Returns the names of the channels that are not a tachometer.
+    pub fn signal_names(&self) -> Vec<String> {
+        let mut names = self.names();
+        if let Some(tachometer) = &self.tachometer {
+            names.remove(tachometer.channel);
+        }
+        names
+    }
+
     /// Returns the pulses in frames of which `lead` precede a record; `None` without any.
     pub fn pulses(&self, frames: &[u8], lead: u64) -> Option<Tachometer> {
         let tachometer = self.tachometer.as_ref()?;
@@ -200,8 +209,7 @@ impl StreamFormat {
     /// Returns the format of the other channels, and frames of only these.
     pub fn without_tachometer(&self, frames: Bytes) -> (Self, Bytes) {
         let Some(tachometer) = &self.tachometer else { return (self.clone(), frames) };
-        let mut channel_names = self.names();
-        channel_names.remove(tachometer.channel);
+        let channel_names = self.signal_names();
         let place = tachometer.channel * self.sample().bytes();
         let after = place + self.sample().bytes();
         let mut others = Vec::with_capacity(frames.len() / self.channels() * channel_names.len());

@@ -154,7 +154,7 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
     let begin = index_of(start, &format)?;
     let mut sender = Sender::new(args, &asset, &format)?;
     let mut begin_index = begin;
-    if let Some(next) = sender.server_next()? {
+    if let Some(next) = sender.open()? {
         if let Input::Bytes(source) = &mut source
             && is_file
         {
@@ -185,7 +185,7 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
     };
     // Not joined: a thread that waits for its source ends with the process.
     thread::spawn(move || reader.run(source.into_source()));
-    let result = send_all(&shared, &mut sender, &stop);
+    let mut result = send_all(&shared, &mut sender, &stop);
     let lost = shared.lock().spool.save()?;
     if lost > 0 {
         output::note(&format!(
@@ -197,6 +197,12 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
         repeated => format!(", which had {repeated} already"),
     };
     output::print(&format!("{} samples of each channel sent to {}{repeated}\n", sender.sent, sender.url))?;
+    if let Some(refused) = sender.refused() {
+        match result {
+            Ok(()) => result = Err(sender.failed(refused)),
+            Err(_) => output::note(&refused),
+        }
+    }
     result?;
     let next = sender.next.filter(|next| sender.sent == 0 && *next > begin + sender.repeated);
     match next.filter(|_| sender.repeated > 0) {

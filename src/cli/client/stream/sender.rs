@@ -1,16 +1,17 @@
 //! Sends blocks to the server, each in a request that is answered once the block is stored.
 
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use super::super::server::{ServerArgs, refusal};
-use super::StreamArgs;
+use super::super::server::{ServerArgs, failure, refusal};
 use super::spool::Block;
+use super::{POLL_INTERVAL, StreamArgs};
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::note;
+use crate::cli::output::{counted, note};
 use crate::recording::stream::StreamFormat;
 
 /// First and longest wait before a block is sent again.
@@ -19,6 +20,9 @@ const MAX_WAIT: Duration = Duration::from_secs(10);
 
 /// Timeout of a request.
 const TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Longest wait at the end for records that are not stored yet.
+const STORING_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Sends the blocks of one stream.
 pub(super) struct Sender {
@@ -36,6 +40,12 @@ pub(super) struct Sender {
     pub(super) repeated: u64,
     /// Index that the server expects next, where it has said so.
     pub(super) next: Option<u64>,
+    /// Index before which the server had the samples when it answered first.
+    had_to: Option<u64>,
+    /// Index before which a request without an answer may have stored the samples.
+    tried_to: u64,
+    /// Records that were refused before.
+    refused_before: Option<u64>,
     wait: Duration,
     is_behind: bool,
 }
@@ -51,6 +61,16 @@ pub(super) enum SendOutcome {
 #[derive(Deserialize)]
 struct Answer {
     next: Option<u64>,
+    /// Samples of the request that the stream had passed before.
+    repeated: u64,
+}
+
+/// The records of a stream.
+#[derive(Default, Deserialize)]
+struct Status {
+    records_refused: u64,
+    last_refusal: Option<String>,
+    records_waiting: u64,
 }
 
 impl Sender {
@@ -83,43 +103,79 @@ impl Sender {
             sent: 0,
             repeated: 0,
             next: None,
+            had_to: None,
+            tried_to: 0,
+            refused_before: None,
             wait: FIRST_WAIT,
             is_behind: false,
         })
     }
 
-    /// Returns the index that the server expects next; `None` if it has no such stream or is unreachable.
+    /// Takes over the stream; returns the index that the server expects next, `None` if it has no such stream
+    /// or is unreachable.
     ///
     /// # Errors
-    /// The stream has another format.
-    pub(super) fn server_next(&mut self) -> Result<Option<u64>, CliError> {
-        let request = self.agent.get(format!("{}?name={}", self.url, escaped(&self.name)));
-        let Ok(mut response) = self.server.authorized(request).call() else { return Ok(None) };
-        let text = response.body_mut().read_to_string().unwrap_or_default();
-        self.next = serde_json::from_str::<Answer>(&text).ok().and_then(|answer| answer.next);
-        if self.next.is_some() {
-            // The server compares the format of an empty part too, before any sample is skipped.
-            let _ = self.post("", &[])?;
+    /// The server refuses the stream or its format.
+    pub(super) fn open(&mut self) -> Result<Option<u64>, CliError> {
+        self.refused_before = self.status().map(|status| status.records_refused);
+        // An empty part is checked like any other. From its answer on, no earlier request stores samples.
+        if let Ok(answer) = self.post("", &[])? {
+            self.next = answer.next;
+            self.had_to = Some(answer.next.unwrap_or(0));
         }
         Ok(self.next)
+    }
+
+    /// The records of the stream; `None` if the server is unreachable.
+    fn status(&self) -> Option<Status> {
+        let request = self.agent.get(format!("{}?name={}", self.url, escaped(&self.name)));
+        let mut response = self.server.authorized(request).call().ok()?;
+        match response.status().as_u16() {
+            404 => Some(Status::default()),
+            _ => serde_json::from_str(&response.body_mut().read_to_string().ok()?).ok(),
+        }
+    }
+
+    /// Returns how many records were refused since the stream was opened, and why; `None` without any.
+    pub(super) fn refused(&self) -> Option<String> {
+        let (before, began) = (self.refused_before?, Instant::now());
+        let mut status = self.status()?;
+        while status.records_waiting > 0 && began.elapsed() < STORING_TIMEOUT {
+            thread::sleep(POLL_INTERVAL);
+            status = self.status()?;
+        }
+        let refused = status.records_refused.saturating_sub(before);
+        let reason = status.last_refusal.unwrap_or_default();
+        (refused > 0)
+            .then(|| format!("{} refused, the last one because {reason}", counted(refused, "record")))
     }
 
     /// Sends a block.
     ///
     /// # Errors
-    /// The server rejects the block permanently.
+    /// The server rejects the block permanently, or has passed it since it answered first.
     pub(super) fn send(&mut self, block: &Block) -> Result<SendOutcome, CliError> {
         let time = Timestamp::from_nanosecond(block.time_ns.into()).unwrap_or_default();
         // Blocks are sent in order, so samples missing before this one are lost.
         let place = format!("&first_index={}&start_time={time}&after_gap=true", block.first);
+        let frames = (block.bytes.len() / self.frame_bytes) as u64;
         let reason = match self.post(&place, &block.bytes)? {
-            Ok(next) => {
-                self.count(block.first, (block.bytes.len() / self.frame_bytes) as u64, next);
+            Ok(answer) => {
+                let lost = self.count(block.first, frames, &answer);
+                if lost > 0 {
+                    let reason = format!(
+                        "{lost} samples of each channel at {time} are not stored: another sender sends stream \
+                         {}, or the stream has passed this time; expected one sender of a stream (see --name)",
+                        self.name
+                    );
+                    return Err(self.failed(reason));
+                }
                 self.wait = FIRST_WAIT;
                 return Ok(SendOutcome::Stored);
             }
             Err(reason) => reason,
         };
+        self.tried_to = block.first + frames;
         if !std::mem::replace(&mut self.is_behind, true) {
             note(&format!("failed to send, buffering samples: {reason}"));
         }
@@ -128,39 +184,48 @@ impl Sender {
         Ok(SendOutcome::RetryAfter(wait))
     }
 
-    /// Counts a block by the index that the server expects after it.
-    fn count(&mut self, first: u64, frames: u64, next: Option<u64>) {
-        let end = first + frames;
-        let next = next.unwrap_or(end);
-        // An answer may have been lost: a block sent again is stored, too.
-        let stored = if next > end { 0 } else { end - self.next.unwrap_or(first).clamp(first, end) };
-        self.sent += stored;
-        self.repeated += frames - stored;
+    /// Counts the samples of a block; returns how many the server had, although it did not have them when it
+    /// answered first and no request without an answer had them.
+    fn count(&mut self, first: u64, frames: u64, answer: &Answer) -> u64 {
+        let (repeated, next) = (answer.repeated.min(frames), answer.next.unwrap_or(first + frames));
+        let had_to = if repeated == frames { next } else { first + repeated };
+        let had_to = *self.had_to.get_or_insert(had_to);
+        let had = repeated.min(had_to.saturating_sub(first));
+        let lost = (first + repeated).saturating_sub(had_to.max(self.tried_to).max(first));
+        self.sent += frames - had - lost;
+        self.repeated += had;
         self.next = Some(next);
+        lost
     }
 
-    /// Sends samples; returns the index that the server expects next, or why they must be sent again.
-    fn post(&self, place: &str, samples: &[u8]) -> Result<Result<Option<u64>, String>, CliError> {
+    /// Sends samples; returns the answer, or why they must be sent again.
+    fn post(&self, place: &str, samples: &[u8]) -> Result<Result<Answer, String>, CliError> {
         let address = format!("{}?name={}&{}{place}", self.url, escaped(&self.name), self.format);
         let request = self.agent.post(address).content_type("application/octet-stream");
         let mut response = match self.server.authorized(request).send(samples) {
             Ok(response) => response,
-            Err(error) => return Ok(Err(error.to_string())),
+            Err(error) => {
+                let (reason, may_pass) = failure(&error);
+                return if may_pass { Ok(Err(reason)) } else { Err(self.failed(reason)) };
+            }
         };
         let status = response.status().as_u16();
         match (status, response.body_mut().read_to_string()) {
-            (200, Ok(text)) => {
-                Ok(Ok(serde_json::from_str::<Answer>(&text).ok().and_then(|answer| answer.next)))
-            }
+            (200, Ok(text)) => match serde_json::from_str(&text) {
+                Ok(answer) => Ok(Ok(answer)),
+                Err(error) => Err(self.failed(format!("invalid answer: {error}"))),
+            },
             (200, Err(error)) => Ok(Err(error.to_string())),
             (408 | 429 | 500 | 502 | 503 | 504 | 507, text) => {
                 Ok(Err(refusal(status, &text.unwrap_or_default())))
             }
-            (_, text) => {
-                let reason = refusal(status, &text.unwrap_or_default());
-                Err(CliError::Server { url: self.url.clone(), reason })
-            }
+            (_, text) => Err(self.failed(refusal(status, &text.unwrap_or_default()))),
         }
+    }
+
+    /// The error for a reason why the server does not store the samples.
+    pub(super) fn failed(&self, reason: String) -> CliError {
+        CliError::Server { url: self.url.clone(), reason }
     }
 
     /// Whether sending has failed since the sender last caught up.
@@ -180,4 +245,51 @@ fn escaped(value: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.,~".contains(&byte);
     let escape = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
     value.bytes().map(escape).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::recording::RawSample;
+
+    #[derive(Parser)]
+    struct Words {
+        #[command(flatten)]
+        args: StreamArgs,
+    }
+
+    fn sender() -> Sender {
+        let args = Words::parse_from(["stream", "--asset", "pump"]).args;
+        let format = StreamFormat::new(RawSample::F32, 1000.0, 1, None).unwrap();
+        Sender::new(&args, &AssetId::new("pump").unwrap(), &format).unwrap()
+    }
+
+    #[test]
+    fn samples_that_another_sender_sent_are_not_counted_as_repeated() {
+        let answer = |next, repeated| Answer { next: Some(next), repeated };
+        let mut sender = Sender { had_to: Some(150), ..sender() };
+        // What the server had at the start; new ones; what an attempt without an answer stored.
+        assert_eq!(sender.count(100, 100, &answer(200, 50)), 0);
+        assert_eq!(sender.count(200, 100, &answer(300, 0)), 0);
+        sender.tried_to = 400;
+        assert_eq!(sender.count(300, 100, &answer(400, 100)), 0);
+        assert_eq!((sender.sent, sender.repeated), (250, 50));
+        // A part of the block, and all of it.
+        assert_eq!(sender.count(400, 100, &answer(500, 30)), 30);
+        assert_eq!(sender.count(500, 100, &answer(900, 100)), 100);
+        assert_eq!((sender.sent, sender.repeated), (320, 50));
+    }
+
+    #[test]
+    fn the_first_answer_of_a_server_that_was_unreachable_says_what_it_had() {
+        let mut sender = sender();
+        sender.tried_to = 100;
+        assert_eq!(sender.count(0, 100, &Answer { next: Some(250), repeated: 100 }), 0);
+        assert_eq!(sender.count(100, 100, &Answer { next: Some(250), repeated: 100 }), 0);
+        assert_eq!(sender.count(200, 100, &Answer { next: Some(300), repeated: 50 }), 0);
+        assert_eq!((sender.sent, sender.repeated), (50, 250));
+        assert_eq!(sender.count(300, 100, &Answer { next: Some(400), repeated: 1 }), 1);
+    }
 }

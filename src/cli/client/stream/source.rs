@@ -50,6 +50,8 @@ pub(super) struct Source {
     remaining: Option<u64>,
     /// Samples that are not finite numbers.
     not_finite: u64,
+    /// Bytes after the last whole frame, at the end.
+    rest: usize,
     /// Whether to wait at the end of the file for it to grow.
     is_followed: bool,
     stop: Arc<AtomicBool>,
@@ -87,7 +89,18 @@ impl Source {
             }
         };
         let name = if path == "-" { "standard input" } else { path }.to_owned();
-        Ok(Self { reader, name, format, converted, begin, remaining, not_finite: 0, is_followed, stop })
+        Ok(Self {
+            reader,
+            name,
+            format,
+            converted,
+            begin,
+            remaining,
+            not_finite: 0,
+            rest: 0,
+            is_followed,
+            stop,
+        })
     }
 
     /// Skips frames of a file; returns how many it has, which may be fewer.
@@ -113,7 +126,8 @@ impl Source {
         self.not_finite += samples;
     }
 
-    /// Checks, when all is read, that it was complete and consisted of numbers.
+    /// Checks, when all is read, that it was complete and consisted of numbers. A WAV may end with a padding
+    /// byte.
     fn check_end(&self) -> Result<(), CliError> {
         let failed = CliError::file(&self.name);
         if self.stop.load(Ordering::Relaxed) {
@@ -123,6 +137,14 @@ impl Source {
             Some(bytes) if bytes >= self.read_frame_bytes() as u64 => {
                 Err(failed(format!("it ends {bytes} bytes before the length in its header")))
             }
+            None if self.begin == 0 && self.rest > 0 => Err(failed(format!(
+                "it ends within a frame: {} bytes follow the last one, expected frames of {} bytes ({} of {} \
+                 channels)",
+                self.rest,
+                self.format.frame_bytes(),
+                self.format.sample().name(),
+                self.format.channels()
+            ))),
             _ if self.not_finite > 0 => {
                 Err(failed(format!("{} samples are not finite numbers", self.not_finite)))
             }
@@ -141,7 +163,7 @@ impl SampleSource for Source {
         &self.format
     }
 
-    /// An incomplete frame at the end is dropped.
+    /// An incomplete frame at the end is dropped, and is an error then.
     fn next(&mut self) -> Result<Option<SourceBlock>, CliError> {
         let width = self.read_frame_bytes();
         let wanted = (self.format.frames_in(BLOCK_S).max(1) as usize).saturating_mul(width);
@@ -157,6 +179,7 @@ impl SampleSource for Source {
                 Err(source) => return Err(CliError::file(&self.name)(source)),
             }
         }
+        self.rest += filled % width;
         bytes.truncate(filled / width * width);
         self.remaining = self.remaining.map(|remaining| remaining - bytes.len() as u64);
         if bytes.is_empty() {
@@ -229,5 +252,20 @@ mod tests {
                 Some(words) => assert!(end.as_ref().is_err_and(|error| error.contains(words)), "{end:?}"),
             }
         }
+    }
+
+    #[test]
+    fn raw_samples_that_end_within_a_frame_are_an_error_at_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.f32");
+        let path = path.to_str().unwrap();
+        std::fs::write(path, [0; 28]).unwrap();
+        let format = StreamFormat::new(RawSample::F32, 1000.0, 3, None).unwrap();
+        let mut source = Source::open(path, Some(format), false, Arc::default()).unwrap();
+        assert_eq!(source.next().unwrap().unwrap().bytes.len(), 24);
+        let error = source.next().unwrap_err().to_string();
+        let words =
+            "within a frame: 4 bytes follow the last one, expected frames of 12 bytes (f32 of 3 channels)";
+        assert!(error.contains("a.f32") && error.contains(words), "{error}");
     }
 }

@@ -120,7 +120,7 @@ pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     }
     estimated?;
     if failed > 0 {
-        return Err(CliError::SomeFailed { failed, all: files.len() });
+        return Err(CliError::SomeFailed { action: "read", failed, all: files.len() });
     }
     Ok(())
 }
