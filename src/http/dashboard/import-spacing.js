@@ -89,7 +89,7 @@ export class StartSpacing {
 
   /** Shows the last start. Until a first one is entered, the last is that of the latest file. */
   #showLast() {
-    if (!this.#isTyped) {
+    if (!this.#isTyped && this.#cards.length) {
       const latest = Math.max(...this.#cards.map(({ file }) => file.lastModified));
       const span = (this.#cards.length - 1) * Number(this.#interval.value) * MINUTE;
       this.#begin = 1000 * Math.floor((latest - span) / 1000);
