@@ -490,10 +490,7 @@ export const CHECKS = {
     await page.getByLabel("Times in").selectOption("local");
     const shown = await dated("local time").inputValue();
     assert.equal(await page.evaluate((text) => Date.parse(text), shown), Date.parse("2026-04-01T08:00Z"));
-    await page.setInputFiles("#upload-file", [
-      audio("run-1.wav", wav(2000)),
-      audio("run-2.wav", wav(2100)),
-    ]);
+    await page.setInputFiles("#upload-file", [audio("run-1.wav", wav(2000)), audio("run-2.wav", wav(2100))]);
     const first = page.getByLabel("First record, local time");
     await first.fill("2026-05-01T06:00:00");
     await page.getByRole("button", { name: "Set start times" }).click();
