@@ -442,6 +442,14 @@ fn channels_together_raise_an_alarm_that_none_raises_alone() {
         json!([null, null, null]),
     ];
     assert_eq!(history_entries, is_told);
+
+    // A single channel has no joint novelty.
+    upload_four(&service, 22, 1.5);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
+    let mut alone = pump.clone();
+    alone["sensor"]["channel"] = json!("a");
+    service.put_json("/v1/assets/pump", &alone).expect(200);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
     service
         .post_json("/v1/assets/pump/alarms/try", &json!({ "rule": rule("joint_novelty"), "channel": "a" }))
         .expect_problem(422, &["joint_novelty", "cannot be tried"]);

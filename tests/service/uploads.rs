@@ -267,6 +267,28 @@ fn a_csv_file_is_read_again_with_its_sensitivity_and_without_its_counters() {
 }
 
 #[test]
+fn a_repeat_that_contradicts_the_stored_record_is_refused() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let bytes = wav(&[samples(1)]);
+    let send = |query: &str| {
+        let path = format!("{SEGMENTS}?start_time=2026-01-05T08:00:00Z&unit=g&{query}");
+        service.post(&path, "audio/wav", &bytes)
+    };
+    let stored = send("scale=2&torque_nm=5").expect(201).json();
+    // A value that is not given contradicts nothing.
+    assert_eq!(send("scale=2").expect(201).json()["id"], stored["id"]);
+    for (query, words) in [
+        ("scale=3&torque_nm=5", "media_type is audio/wav;scale=3"),
+        ("scale=2&torque_nm=6", "torque_nm is 6, but the record is stored with 5: delete it"),
+        ("scale=2&reference_wear_um=20", "reference_wear_um is 20, but the record is stored with none"),
+    ] {
+        let problem = send(query).expect_problem(409, &[words]);
+        assert_eq!(problem["field"], words.split(' ').next().unwrap());
+    }
+}
+
+#[test]
 fn parameters_that_a_format_does_not_use_are_refused() {
     let service = Service::start();
     service.plain_asset("pump");
