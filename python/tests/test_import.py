@@ -137,7 +137,8 @@ def test_a_changed_file_and_other_options_are_sent(client, asset, run, tmp_path)
     assert ": stored" in run(tmp_path, *options)[1]
     assert ": sent before" in run(tmp_path, *options)[1]
     assert json.loads((tmp_path / "state").read_text())["file"] == "a.npy"
-    assert ": stored" in run(tmp_path, *options, "--torque-nm", 5)[1]
+    # Sent again, although the server refuses other values for a stored record.
+    assert "409: torque_nm is 5" in run(tmp_path, *options, "--torque-nm", 5)[1]
     np.save(tmp_path / "a.npy", gear_signal(2)[:8000])
     os.utime(tmp_path / "a.npy", (1, 1))
     assert ": stored" in run(tmp_path, *options)[1]
