@@ -86,7 +86,7 @@ impl Alarms {
         self.act_automatically(known, Some(first), AlarmAction::Joint { severity, value }).await
     }
 
-    /// Clears the alarm of an asset that has less than two contributing channels left.
+    /// Clears the alarm of an asset that has fewer than two contributing channels left.
     async fn clear_joint_novelty_alarm(&self, asset: &AssetId) -> Result<(), ServiceError> {
         for stored in self.store.open_alarms(&[asset]).await? {
             if stored.quantity == AlarmQuantity::JointNovelty && stored.alarm.severity().is_some() {

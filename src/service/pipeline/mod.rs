@@ -22,8 +22,9 @@
 //!
 //! ```text
 //! Pipeline::accept                       as a task that outlives the request
-//!  Pipeline::take_upload                 reads SensorGroup and ChannelUnits; decodes and identifies
-//!   Pipeline::begin                      omits records that are stored already (known_to_all)
+//!  Pipeline::take_upload                 reads SensorGroup and ChannelUnits; decodes and identifies;
+//!                                        finds stored records (known_to_all, check_repeat)
+//!   Pipeline::begin                      omits these
 //!    Pipeline::analyse                   analyse_all while RawObjects::put stores the raw bytes
 //!   Pipeline::finish                     counts the outcomes
 //!    Pipeline::commit                    commits, then ends the protection of the raw bytes
@@ -187,15 +188,12 @@ impl Pipeline {
             self.workers.run("decode a record", decode_and_identify).await??
         };
         let name = records.first().map(|record| record.raw.sha256.clone()).unwrap_or_default();
-        let notes: Vec<RecordNote> =
-            records.iter().map(|record| record.note(&group.asset.spec.id, received_at)).collect();
-        let batch = self.begin(group, records, vec![(name, bytes)], received_at).await?;
-        for stored in &batch.known {
-            notes
-                .iter()
-                .filter(|note| note.id == stored.id)
-                .try_for_each(|note| check_repeat(note, stored))?;
+        let stored = known_to_all(&self.store, &records, &group.members).await?;
+        for stored in &stored {
+            let mut repeats = records.iter().filter(|record| record.id == stored.id);
+            repeats.try_for_each(|record| check_repeat(record, stored))?;
         }
+        let batch = self.begin(group, records, stored, vec![(name, bytes)], received_at).await?;
         let mut accepted = self.finish(batch).await?;
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)
@@ -244,15 +242,16 @@ impl Pipeline {
         Ok(self.finish(Batch { known, rest }).await?.pop())
     }
 
-    /// Runs all steps up to the commit; may run concurrently with the commit of the previous records.
+    /// Runs all steps up to the commit on the records that are not among the `stored` ones; may run
+    /// concurrently with the commit of the previous records.
     async fn begin(
         &self,
         group: SensorGroup,
         mut records: Vec<IdentifiedRecord>,
+        stored: Vec<Segment>,
         mut raws: Vec<(String, Bytes)>,
         received_at: Timestamp,
     ) -> Result<Batch, ServiceError> {
-        let stored = known_to_all(&self.store, &records, &group.members).await?;
         let stored: HashMap<&SegmentId, &Segment> =
             stored.iter().map(|segment| (&segment.id, segment)).collect();
         let known: Vec<Segment> = records

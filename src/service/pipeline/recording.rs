@@ -13,7 +13,9 @@ use super::{Accepted, Batch, Pipeline};
 use crate::asset::AssetId;
 use crate::recording::McapReader;
 use crate::service::error::ServiceError;
-use crate::service::record::{ChannelNames, ChannelUnits, check_time, defaults_of, identify_recorded};
+use crate::service::record::{
+    ChannelNames, ChannelUnits, check_time, defaults_of, identify_recorded, known_to_all,
+};
 use crate::service::sensor_group::SensorGroup;
 use crate::service::tally::RecordOutcome;
 
@@ -139,11 +141,9 @@ impl Pipeline {
                 Err((channel, error)) => summary.refuse(number, channel.as_deref(), &error),
             }
         }
-        Ok(RecordedBatch {
-            batch: self.begin(group, records, raws, received_at).await?,
-            summary,
-            _memory: memory,
-        })
+        let stored = known_to_all(&self.store, &records, &group.members).await?;
+        let batch = self.begin(group, records, stored, raws, received_at).await?;
+        Ok(RecordedBatch { batch, summary, _memory: memory })
     }
 
     /// Commits a batch, if there is one, in one transaction and adds its outcomes to `summary`.

@@ -136,14 +136,14 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
 ///
 /// # Errors
 /// [`ServiceError::StoredWith`] with the first value that differs.
-pub(crate) fn check_repeat(repeated: &RecordNote, stored: &Segment) -> Result<(), ServiceError> {
+pub(crate) fn check_repeat(repeated: &IdentifiedRecord, stored: &Segment) -> Result<(), ServiceError> {
     let differ = |field, value: String, stored| Err(ServiceError::StoredWith { field, value, stored });
     let text = |value: Option<f64>| value.map_or_else(|| "none".to_owned(), |value| value.to_string());
     // The scale and unit of the samples are parts of the media type.
     if repeated.raw.media_type != stored.raw.media_type {
         return differ("media_type", repeated.raw.media_type.clone(), stored.raw.media_type.clone());
     }
-    let (given, known) = (&repeated.operating_point, &stored.operating_point);
+    let (given, known) = (repeated.record.operating_point(), &stored.operating_point);
     for (field, given, known) in [
         ("shaft_speed_hz", given.shaft_speed_hz, known.shaft_speed_hz),
         ("torque_nm", given.torque_nm, known.torque_nm),
