@@ -40,6 +40,7 @@ mod simulations;
 mod sound_cards;
 mod stream_beginnings;
 mod stream_cuts;
+mod stream_refusals;
 mod stream_tachometers;
 mod streams;
 mod tables;

@@ -55,6 +55,7 @@ mod csv_head;
 mod csv_layout;
 mod csv_preview;
 mod csv_records;
+mod csv_text;
 mod csv_time;
 mod cut;
 mod decoded_block;

@@ -8,4 +8,5 @@ pub(super) mod model;
 pub(super) mod pair_file;
 mod plot;
 mod recorded_runs;
+mod score_table;
 pub(super) mod simulate;

@@ -19,6 +19,7 @@ mod recent;
 mod sender;
 mod shared_journal;
 mod state;
+mod status;
 mod steadiness;
 mod stored;
 mod storing;
@@ -51,6 +52,7 @@ pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::LiveStream;
 use place::{SharedRows, StreamPlaces, check_name, random, streams_in, too_many};
 pub use sender::StreamSender;
+pub use status::StreamStatus;
 use stored::StoredStream;
 pub use stored::{StreamGap, StreamProgress};
 pub(crate) use tachometer::Pulses;
@@ -75,40 +77,6 @@ pub struct Streams {
     /// threads busy. The records of streams that began together are all complete at the same time.
     records_at_once: Semaphore,
     is_over: watch::Sender<bool>,
-}
-
-/// The status of a stream.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StreamStatus {
-    /// Its name.
-    pub name: String,
-    /// The format of its samples.
-    pub format: StreamFormat,
-    /// Index after the last stored sample.
-    pub next: Option<u64>,
-    /// The time of this index.
-    pub next_time: Option<Timestamp>,
-    /// Deviation of the actual from the nominal sampling rate in parts per million; positive if samples
-    /// arrive faster.
-    pub drift_ppm: Option<f64>,
-    /// Number of jumps of the sender's clock.
-    pub clock_jumps: u64,
-    /// Number of gaps.
-    pub gaps: u64,
-    /// Samples of each channel that are missing in the gaps.
-    pub gap_samples: u64,
-    /// Number of cuts stored as records; the records of all channels count as one.
-    pub records: u64,
-    /// Number of cuts whose records were refused.
-    pub records_refused: u64,
-    /// Why the records of the last refused cut were refused.
-    pub last_refusal: Option<String>,
-    /// Number of cuts that are not stored yet.
-    pub records_waiting: u64,
-    /// Bytes of the journal on the disk.
-    pub journal_bytes: u64,
-    /// The running measuring campaign, or else the last one.
-    pub campaign: Option<CampaignStatus>,
 }
 
 impl Streams {
@@ -209,8 +177,9 @@ impl Streams {
         self.store.asset(asset).await?;
         let streams = self.of_asset(asset).await?;
         let list = move || {
-            let known =
-                streams.iter().filter_map(|stream| stream.with_stored(|stored| status(stream, stored)).ok());
+            let known = streams
+                .iter()
+                .filter_map(|stream| stream.with_stored(|stored| StreamStatus::of(stream, stored)).ok());
             let mut known: Vec<StreamStatus> = known.collect();
             known.sort_by(|one, other| one.name.cmp(&other.name));
             known
@@ -223,7 +192,7 @@ impl Streams {
     /// # Errors
     /// [`ServiceError::StreamUnknown`].
     pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
-        self.of_stream(asset, name, |stream, stored| status(stream, stored)).await
+        self.of_stream(asset, name, |stream, stored| StreamStatus::of(stream, stored)).await
     }
 
     /// The levels of each second of a stream from one time to another.
@@ -443,24 +412,4 @@ impl Streams {
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
     }
-}
-
-fn status(stream: &LiveStream, stored: &StoredStream) -> Result<StreamStatus, ServiceError> {
-    let state = stored.state();
-    Ok(StreamStatus {
-        name: stream.name.clone(),
-        format: state.format.clone(),
-        next: state.next,
-        next_time: state.next.and_then(|next| state.time(next)),
-        drift_ppm: state.clock.drift_ppm(),
-        clock_jumps: state.clock.jumps(),
-        gaps: state.gaps,
-        gap_samples: state.gap_samples,
-        records: state.records,
-        records_refused: state.refused,
-        last_refusal: state.last_refusal.clone(),
-        records_waiting: state.pending.len() as u64,
-        journal_bytes: stored.journal_bytes()?,
-        campaign: CampaignStatus::of(state),
-    })
 }
