@@ -69,8 +69,8 @@ impl Alarms {
         let _pause = self.committer.pause().await;
         let slot = self.history.lock(&known.asset_id, &known.channel).await;
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
-        let mut commit = store.begin().await?;
-        let mut channel = commit.channel_again(&channel).await?;
+        let mut transaction = store.begin().await?;
+        let mut channel = transaction.channel_again(&channel).await?;
         if observed.is_some_and(|observed| observed.segments != channel.segments) {
             return Err(unknown());
         }
@@ -93,8 +93,8 @@ impl Alarms {
         let change = stored.alarm.act(&taken);
         stored.changed_at = change.time;
         let place = first_key_after(taken.after);
-        commit.act(&mut channel, place, &stored, &taken, &change).await?;
-        commit.finish().await?;
+        transaction.act(&mut channel, place, &stored, &taken, &change).await?;
+        transaction.commit().await?;
         drop(slot);
         let alarm = stored.clone();
         self.events.announce_alarms(vec![AlarmNotice { alarm, change }]);

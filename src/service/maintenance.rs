@@ -51,12 +51,12 @@ impl Maintenance {
     ) -> Result<bool, ServiceError> {
         let store = &self.store;
         let _pause = self.committer.pause().await;
-        let mut commit = store.begin().await?;
+        let mut transaction = store.begin().await?;
         // From here on no channel is created, and nothing is folded.
         let is_new = if is_removed {
-            commit.remove_maintenance(asset, &stored.id).await?
+            transaction.remove_maintenance(asset, &stored.id).await?
         } else {
-            commit.add_maintenance(asset, stored).await?
+            transaction.add_maintenance(asset, stored).await?
         };
         if !is_new {
             return Ok(false);
@@ -64,9 +64,9 @@ impl Maintenance {
         let mut channels = store.channels(asset).await?;
         channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         for channel in &channels {
-            commit.fold_again_from(channel, stored.event.time).await?;
+            transaction.fold_again_from(channel, stored.event.time).await?;
         }
-        commit.finish().await?;
+        transaction.commit().await?;
         self.raw.note_changed_asset(asset).await;
         self.events.announce(LiveEvent::MaintenanceChanged {
             asset: asset.clone(),

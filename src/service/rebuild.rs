@@ -179,14 +179,14 @@ impl Service {
         if events.is_empty() {
             return Ok(restored);
         }
-        let mut commit = self.store.begin().await?;
+        let mut transaction = self.store.begin().await?;
         for event in events {
-            commit.add_maintenance(id, &StoredEvent::new(event.clone())?).await?;
+            transaction.add_maintenance(id, &StoredEvent::new(event.clone())?).await?;
             for channel in self.store.channels(id).await? {
-                commit.fold_again_from(&channel, event.time).await?;
+                transaction.fold_again_from(&channel, event.time).await?;
             }
         }
-        commit.finish().await?;
+        transaction.commit().await?;
         Ok(restored)
     }
 

@@ -196,19 +196,19 @@ impl Store {
         now: Timestamp,
     ) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
-        let mut commit = self.begin().await?;
-        commit.asset_to_change(&spec.id).await?;
+        let mut transaction = self.begin().await?;
+        transaction.asset_to_change(&spec.id).await?;
         if let Some(mark) = checked {
-            mark.check(&mut commit.transaction).await?;
+            mark.check(&mut transaction.inner).await?;
         }
         sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
             .bind(id)
             .bind(to_json(spec, "spec", id)?)
             .bind(to_ns(now)?)
-            .execute(&mut *commit.transaction)
+            .execute(&mut *transaction.inner)
             .await?;
-        shared_sensors::set(&mut commit.transaction, spec).await?;
-        commit.finish().await?;
+        shared_sensors::set(&mut transaction.inner, spec).await?;
+        transaction.commit().await?;
         self.asset(&spec.id).await
     }
 
@@ -244,20 +244,20 @@ impl Store {
         id: &AssetId,
         checked: DescriptionsMark,
     ) -> Result<Vec<String>, StoreError> {
-        let mut commit = self.begin().await?;
+        let mut transaction = self.begin().await?;
         // From here on no channel is created, and nothing is added.
-        commit.asset_to_change(id).await?;
-        checked.check(&mut commit.transaction).await?;
+        transaction.asset_to_change(id).await?;
+        checked.check(&mut transaction.inner).await?;
         let channels = self.channels(id).await?;
-        let transaction = &mut commit.transaction;
-        shared_sensors::change_others(transaction, id).await?;
+        let inner = &mut transaction.inner;
+        shared_sensors::change_others(inner, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
-        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
+        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **inner).await?;
         let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
-        sqlx::query("DELETE FROM assets WHERE id = $1").bind(id.as_str()).execute(&mut **transaction).await?;
-        let kept = raw::kept_among(transaction, &objects).await?;
+        sqlx::query("DELETE FROM assets WHERE id = $1").bind(id.as_str()).execute(&mut **inner).await?;
+        let kept = raw::kept_among(inner, &objects).await?;
         let orphans = objects.into_iter().filter(|name| !kept.contains(name)).collect();
-        commit.finish().await?;
+        transaction.commit().await?;
         for channel in channels {
             self.inner.trends.remove(channel.channel_no);
         }

@@ -6,8 +6,8 @@ use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
 use sqlx::{Any, Executor};
 
-use super::commit::Commit;
 use super::database::rows::{get, get_json, to_json, to_ns};
+use super::transaction::Transaction;
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;
@@ -74,10 +74,10 @@ impl Store {
     }
 }
 
-impl Commit {
+impl Transaction {
     /// All events of an asset in the order of time.
     pub(super) async fn maintenance(&mut self, asset: &AssetId) -> Result<Vec<MaintenanceEvent>, StoreError> {
-        events_of(asset, &mut *self.transaction).await
+        events_of(asset, &mut *self.inner).await
     }
 
     /// Adds an event; returns whether it is new. No channel is added to the asset before the end of the
@@ -98,7 +98,7 @@ impl Commit {
         .bind(stored.id.as_str())
         .bind(to_ns(stored.event.time)?)
         .bind(to_json(&stored.event, "event", &stored.id)?)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         Ok(added.rows_affected() > 0)
     }
@@ -113,7 +113,7 @@ impl Commit {
         let removed = sqlx::query("DELETE FROM maintenance_events WHERE asset_id = $1 AND id = $2")
             .bind(asset.as_str())
             .bind(id)
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         Ok(removed.rows_affected() > 0)
     }

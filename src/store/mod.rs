@@ -10,7 +10,6 @@ mod alarms;
 mod assets;
 mod audit;
 mod backup;
-mod commit;
 mod coordination;
 mod database;
 mod error;
@@ -26,6 +25,7 @@ mod settings;
 mod shared_sensors;
 mod streams;
 mod tokens;
+mod transaction;
 mod uploads;
 
 use std::path::Path;
@@ -41,13 +41,12 @@ use history::recent_wear::CurveCache;
 use history::trend::TrendCache;
 use layouts::LayoutCache;
 
-pub use alarms::commit::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::silences::Silence;
+pub use alarms::writing::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
 pub use audit::{Audit, Finding};
 pub use backup::{Copied, back_up, put_back};
-pub use commit::Commit;
 pub use coordination::queue_partitions::{PartitionOwners, WORKER_LEASE};
 pub use database::integrity::FoundDamage;
 pub use error::StoreError;
@@ -78,6 +77,7 @@ pub use streams::journal::StreamJournal;
 pub use streams::levels::{StreamLevels, TimedLevel};
 pub use streams::rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion};
 pub use tokens::{Scope, Token, TokenStore, TokensVersion};
+pub use transaction::Transaction;
 pub use uploads::keyed::KeyedUpload;
 pub use uploads::resumable::{NewUpload, Reading, StoredUpload, UploadPiece, UploadState};
 

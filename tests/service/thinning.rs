@@ -90,12 +90,12 @@ fn records_after_an_event_that_is_being_added_are_kept() {
     let event = StoredEvent::new(serde_json::from_value(event).unwrap()).unwrap();
     service.run(async {
         let store = service.service().store.clone();
-        let mut commit = store.begin().await.unwrap();
-        commit.add_maintenance(&AssetId::new("pump").unwrap(), &event).await.unwrap();
+        let mut transaction = store.begin().await.unwrap();
+        transaction.add_maintenance(&AssetId::new("pump").unwrap(), &event).await.unwrap();
         let thinning = tokio::spawn(async move { store.thin_results(thinning()).await.unwrap() });
         // It waits for this transaction.
         tokio::time::sleep(Duration::from_millis(300)).await;
-        commit.finish().await.unwrap();
+        transaction.commit().await.unwrap();
         assert!(thinning.await.unwrap() > 0);
     });
     let kept: Vec<Value> = items(&service);

@@ -14,7 +14,8 @@ use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
 use crate::service::simulations::KeyedEstimator;
 use crate::store::{
-    AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
+    AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, NewSegment, RunResult, SegmentKey,
+    Transaction,
 };
 
 /// Maximum number of stored records that are folded again at once, since the write transaction waits for
@@ -175,7 +176,7 @@ impl Appended<'_> {
     /// Writes the channel's alarms as folded; returns the notices of new changes.
     pub(crate) async fn set_alarms(
         &mut self,
-        commit: &mut Commit,
+        transaction: &mut Transaction,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, ServiceError> {
         let Fold::Complete { folded, estimator, .. } = &self.fold else {
@@ -188,7 +189,7 @@ impl Appended<'_> {
             return Ok(Vec::new());
         }
         let notices =
-            commit.set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now).await?;
+            transaction.set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now).await?;
         if !has_alarms {
             self.slot.timeline = None;
         }

@@ -16,7 +16,7 @@ use crate::service::history::{Appended, Committed, History};
 use crate::service::raw::Retention;
 use crate::service::sensor_group::among_others;
 use crate::service::simulations::{KeyedEstimator, Simulations};
-use crate::store::{Asset, Commit, NewSegment, SegmentKey, Store};
+use crate::store::{Asset, NewSegment, SegmentKey, Store, Transaction};
 
 /// Maximum number of segments committed together.
 const MAX_TOGETHER: usize = 256;
@@ -198,10 +198,10 @@ impl Committer {
         for (asset, channel) in &names {
             slots.push(self.history.lock(asset, channel).await);
         }
-        let mut commit = self.store.begin().await?;
+        let mut transaction = self.store.begin().await?;
         // Locked in the order of their names; no other process changes them from here on.
-        let (assets, sharing) = self.assets_of(&mut commit, &names).await?;
-        let channels = commit.channels(&names).await?;
+        let (assets, sharing) = self.assets_of(&mut transaction, &names).await?;
+        let channels = transaction.channels(&names).await?;
         // Read under the locks: no one else stores them now.
         let repeats = self.store.segments_by_id(&ids).await?;
         let mut done: HashMap<SegmentId, (Segment, bool)> = HashMap::new();
@@ -225,7 +225,7 @@ impl Committer {
             history.append(&assets[asset], &estimators[asset], channel, new, slot)
         });
         let appended = try_join_all(append).await?;
-        for segment in self.write(commit, appended).await? {
+        for segment in self.write(transaction, appended).await? {
             self.events.announce_segment(&segment);
             done.insert(segment.id.clone(), (segment, false));
         }
@@ -249,7 +249,7 @@ impl Committer {
     /// Writes the folded segments in one transaction; returns them as stored.
     async fn write(
         &self,
-        mut commit: Commit,
+        mut transaction: Transaction,
         mut appended: Vec<Appended<'_>>,
     ) -> Result<Vec<Segment>, ServiceError> {
         if appended.is_empty() {
@@ -259,13 +259,13 @@ impl Committer {
         for channel in &mut appended {
             rows.push(channel.rows()?);
         }
-        commit.add(&mut rows).await?;
+        transaction.add(&mut rows).await?;
         let now = self.clock.now();
         let mut notices = Vec::new();
         for channel in &mut appended {
-            notices.extend(channel.set_alarms(&mut commit, now).await?);
+            notices.extend(channel.set_alarms(&mut transaction, now).await?);
         }
-        commit.finish().await?;
+        transaction.commit().await?;
         let mut stored = Vec::new();
         let mut outdated = Vec::new();
         for channel in appended {
@@ -283,12 +283,12 @@ impl Committer {
     /// sensors. Also returns the assets that share a sensor.
     async fn assets_of(
         &self,
-        commit: &mut Commit,
+        transaction: &mut Transaction,
         names: &[(&AssetId, &str)],
     ) -> Result<(HashMap<AssetId, Asset>, BTreeSet<AssetId>), ServiceError> {
         let mut ids: Vec<&AssetId> = names.iter().map(|(asset, _)| *asset).collect();
         ids.dedup();
-        let mut assets = commit.assets(&ids).await?;
+        let mut assets = transaction.assets(&ids).await?;
         let sharing = self.store.sharing_a_sensor(&ids).await?;
         for id in &sharing {
             if let Some(asset) = assets.remove(id) {

@@ -1,15 +1,15 @@
 //! Reading alarms: their states, their histories, and the operator actions on them.
 
-pub(super) mod commit;
 pub(super) mod shelvings;
 pub(super) mod silences;
+pub(super) mod writing;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sqlx::Row;
 use sqlx::any::AnyRow;
 
-use self::commit::alarm_id;
+use self::writing::alarm_id;
 use crate::asset::AssetId;
 use crate::estimate::{Alarm, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, PanelAction, Severity};
 use crate::store::database::rows::{asset_id, from_json, from_ns, get, get_json, to_ns};

@@ -11,9 +11,9 @@ use jiff::Timestamp;
 use super::fold_states::StatesAfter;
 use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
 use crate::store::layouts::Columns;
+use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
 use crate::store::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
 
 /// The rows that a transaction adds to a channel, in the served generations.
@@ -79,7 +79,7 @@ impl ChannelSummary {
     }
 }
 
-impl Commit {
+impl Transaction {
     /// Adds rows to channels, each channel at most once.
     pub async fn add(&mut self, additions: &mut [ChannelRows<'_>]) -> Result<(), StoreError> {
         for addition in &mut *additions {
@@ -126,7 +126,7 @@ impl Commit {
                     .bind(i64::from(segment.raw.channel_index))
                     .bind(i64::from(segment.excluded));
             }
-            query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.transaction).await?;
+            query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.inner).await?;
         }
         Ok(())
     }
@@ -170,10 +170,7 @@ impl Commit {
                     .bind(indicators.bytes.as_slice())
                     .bind(features.bytes.as_slice());
             }
-            query
-                .persistent(self.dialect.caches_statement(chunk.len()))
-                .execute(&mut *self.transaction)
-                .await?;
+            query.persistent(self.dialect.caches_statement(chunk.len())).execute(&mut *self.inner).await?;
         }
         Ok(())
     }
@@ -199,7 +196,7 @@ impl Commit {
             for ((sha256, asset), (bytes, start_time)) in chunk {
                 query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
             }
-            for row in query.fetch_all(&mut *self.transaction).await? {
+            for row in query.fetch_all(&mut *self.inner).await? {
                 let volume = volumes.entry(get(&row, "asset_id")?).or_default();
                 *volume = volume.saturating_add(get(&row, "bytes")?);
             }
@@ -214,7 +211,7 @@ impl Commit {
             let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             let query =
                 chunk.iter().fold(query, |query, (asset, bytes)| query.bind(asset.as_str()).bind(*bytes));
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         Ok(())
     }

@@ -6,8 +6,8 @@
 use sqlx::any::AnyRow;
 
 use crate::asset::SegmentId;
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns};
+use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError, WearGeneration};
 
 /// Number of records from one stored state to the next: at most as many are folded again after a start.
@@ -71,7 +71,7 @@ impl Store {
 /// order.
 pub(in crate::store) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
 
-impl Commit {
+impl Transaction {
     /// Replaces states of the fold, at most once for each channel, and thins the older ones.
     pub(in crate::store) async fn set_states(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
         for chunk in all.chunks(ROWS_AT_ONCE) {
@@ -98,7 +98,7 @@ impl Commit {
                     .bind(state.last.id.0.as_str())
                     .bind(state.state.as_str());
             }
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         for &(channel_no, generation, _, states) in all {
             if let Some(newest) = states.last() {
@@ -124,7 +124,7 @@ impl Commit {
             .persistent(false)
             .bind(channel_no)
             .bind(generation)
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         Ok(())
     }
@@ -136,7 +136,7 @@ impl Commit {
         for &(channel_no, generation, after, _) in all {
             query = query.bind(channel_no).bind(generation).bind(from_count(after));
         }
-        query.execute(&mut *self.transaction).await?;
+        query.execute(&mut *self.inner).await?;
         Ok(())
     }
 }

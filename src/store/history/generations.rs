@@ -14,9 +14,9 @@ use jiff::{SignedDuration, Timestamp};
 use super::fold_states::FoldState;
 use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
-use crate::store::commit::Commit;
 use crate::store::database::rows::{get, get_time, lease_end, to_ns};
 use crate::store::records::segments::new_segment_of;
+use crate::store::transaction::Transaction;
 use crate::store::{
     AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult,
     SegmentKey, Store, StoreError,
@@ -66,8 +66,8 @@ impl Store {
         now: Timestamp,
     ) -> Result<Option<WearGeneration>, StoreError> {
         let now = self.now(now).await?;
-        let mut commit = self.begin().await?;
-        let mut channel = commit.channel_again(channel).await?;
+        let mut transaction = self.begin().await?;
+        let mut channel = transaction.channel_again(channel).await?;
         let is_leased_elsewhere =
             channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
         // A process that is alone on its store writes no other generation of the channel.
@@ -80,8 +80,8 @@ impl Store {
         channel.next_wear = Some(channel.newest_generation);
         channel.maker_until = Some(lease_end(now, LEASE));
         channel.changed_from = None;
-        commit.set_channel(&mut channel, false).await?;
-        commit.finish().await?;
+        transaction.set_channel(&mut channel, false).await?;
+        transaction.commit().await?;
         Ok(Some(WearGeneration(channel.newest_generation)))
     }
 
@@ -116,8 +116,8 @@ impl Store {
         wear: WearGeneration,
         keeps_analyses: bool,
     ) -> Result<(), StoreError> {
-        let mut commit = self.begin().await?;
-        let mut channel = commit.channel_again(channel).await?;
+        let mut transaction = self.begin().await?;
+        let mut channel = transaction.channel_again(channel).await?;
         if channel.next_wear == Some(wear.0) {
             channel.next_wear = None;
             channel.maker_until = None;
@@ -125,8 +125,8 @@ impl Store {
             if !keeps_analyses {
                 channel.next_analysis = None;
             }
-            commit.set_channel(&mut channel, false).await?;
-            commit.finish().await?;
+            transaction.set_channel(&mut channel, false).await?;
+            transaction.commit().await?;
         }
         Ok(())
     }
@@ -141,12 +141,12 @@ impl Store {
         channel: &ChannelSummary,
         wear: WearGeneration,
     ) -> Result<(ChannelSummary, Option<SegmentKey>), StoreError> {
-        let mut commit = self.begin().await?;
-        let mut channel = commit.leased_channel(channel, wear).await?;
+        let mut transaction = self.begin().await?;
+        let mut channel = transaction.leased_channel(channel, wear).await?;
         let changed_from = channel.changed_from.take();
         if changed_from.is_some() {
-            commit.set_channel(&mut channel, false).await?;
-            commit.finish().await?;
+            transaction.set_channel(&mut channel, false).await?;
+            transaction.commit().await?;
         }
         Ok((channel, changed_from))
     }
@@ -159,8 +159,8 @@ impl Store {
         wear: WearGeneration,
         keys: &AnalysisKeys,
     ) -> Result<AnalysisGeneration, StoreError> {
-        let mut commit = self.begin().await?;
-        let mut channel = commit.leased_channel(channel, wear).await?;
+        let mut transaction = self.begin().await?;
+        let mut channel = transaction.leased_channel(channel, wear).await?;
         if let Some((generation, key)) = &channel.next_analysis
             && **key == *keys.analysis
         {
@@ -170,8 +170,8 @@ impl Store {
         channel.leftovers |= channel.next_analysis.is_some();
         let generation = channel.newest_generation;
         channel.next_analysis = Some((generation, keys.analysis.to_string()));
-        commit.set_channel(&mut channel, false).await?;
-        commit.finish().await?;
+        transaction.set_channel(&mut channel, false).await?;
+        transaction.commit().await?;
         Ok(AnalysisGeneration(generation))
     }
 
@@ -216,11 +216,11 @@ impl Store {
         generation: AnalysisGeneration,
         analyses: &[(SegmentId, Analysed)],
     ) -> Result<(), StoreError> {
-        let mut commit = self.begin().await?;
-        commit.leased_channel(channel, wear).await?;
+        let mut transaction = self.begin().await?;
+        transaction.leased_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
-        commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
-        commit.finish().await
+        transaction.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
+        transaction.commit().await
     }
 
     /// Adds estimates to a generation, with states of the fold after position `after`.
@@ -234,17 +234,17 @@ impl Store {
         wears: &[(SegmentKey, RunResult)],
         (after, states): (u64, &[FoldState]),
     ) -> Result<(), StoreError> {
-        let mut commit = self.begin().await?;
-        let channel = commit.leased_channel(channel, generation).await?;
+        let mut transaction = self.begin().await?;
+        let channel = transaction.leased_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
             generation: generation.0,
             segment: &key.id,
             result,
             is_first: false,
         });
-        commit.set_wears(&wears.collect::<Vec<_>>()).await?;
-        commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
-        commit.finish().await
+        transaction.set_wears(&wears.collect::<Vec<_>>()).await?;
+        transaction.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
+        transaction.commit().await
     }
 
     /// Makes these generations the served ones, with the alarms folded with them; both must have every
@@ -261,11 +261,11 @@ impl Store {
         alarms: FoldedAlarms<'_>,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, StoreError> {
-        let mut commit = self.begin().await?;
-        if commit.asset(&channel.asset_id).await?.version() != from.asset {
+        let mut transaction = self.begin().await?;
+        if transaction.asset(&channel.asset_id).await?.version() != from.asset {
             return Err(StoreError::Outdated("the asset's description"));
         }
-        let mut channel = commit.leased_channel(channel, wear).await?;
+        let mut channel = transaction.leased_channel(channel, wear).await?;
         if channel.version() != from.channel {
             return Err(StoreError::Outdated("the channel"));
         }
@@ -280,9 +280,9 @@ impl Store {
         channel.keys = keys;
         channel.must_fold = false;
         channel.leftovers = true;
-        commit.set_channel(&mut channel, true).await?;
-        let notices = commit.set_alarms(&channel, alarms, now).await?;
-        commit.finish().await?;
+        transaction.set_channel(&mut channel, true).await?;
+        let notices = transaction.set_alarms(&channel, alarms, now).await?;
+        transaction.commit().await?;
         Ok(notices)
     }
 
@@ -297,8 +297,8 @@ impl Store {
         now: Timestamp,
     ) -> Result<Option<SegmentKey>, StoreError> {
         let now = self.now(now).await?;
-        let mut commit = self.begin().await?;
-        let mut channel = commit.channel_again(channel).await?;
+        let mut transaction = self.begin().await?;
+        let mut channel = transaction.channel_again(channel).await?;
         if self.is_shared()
             && channel.next_wear.is_some()
             && channel.maker_until.is_some_and(|until| now < until)
@@ -316,7 +316,7 @@ impl Store {
         .bind(after_ns)
         .bind(after_id)
         .bind(i64::from(limit))
-        .fetch_all(&mut *commit.transaction)
+        .fetch_all(&mut *transaction.inner)
         .await?;
         let being_made =
             channel.next_analysis.as_ref().map_or(channel.analysis_generation, |(generation, _)| *generation);
@@ -344,7 +344,7 @@ impl Store {
                 .bind(after_id)
                 .bind(last_ns)
                 .bind(last_id)
-                .execute(&mut *commit.transaction)
+                .execute(&mut *transaction.inner)
                 .await?;
         }
         let next = last.filter(|_| rows.len() as u64 >= u64::from(limit));
@@ -352,17 +352,17 @@ impl Store {
             sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation <> $2")
                 .bind(channel.channel_no)
                 .bind(channel.wear_generation)
-                .execute(&mut *commit.transaction)
+                .execute(&mut *transaction.inner)
                 .await?;
             channel.leftovers = false;
         }
-        commit.set_channel(&mut channel, false).await?;
-        commit.finish().await?;
+        transaction.set_channel(&mut channel, false).await?;
+        transaction.commit().await?;
         Ok(next)
     }
 }
 
-impl Commit {
+impl Transaction {
     /// Reads and locks a channel; returns an error if this generation is not the one being written.
     async fn leased_channel(
         &mut self,

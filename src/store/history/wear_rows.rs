@@ -2,9 +2,9 @@
 
 use crate::asset::SegmentId;
 use crate::estimate::{Posterior, WearEstimate};
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{any_of, excluded, finite, finite_or_none, rows_of_placeholders, to_json};
 use crate::store::layouts::Columns;
+use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
 use crate::store::{RunResult, StoreError};
 
 /// The columns of an estimate.
@@ -25,7 +25,7 @@ pub(in crate::store) struct WearRow<'a> {
     pub(in crate::store) is_first: bool,
 }
 
-impl Commit {
+impl Transaction {
     /// Inserts or replaces estimates of segments.
     pub(in crate::store) async fn set_wears(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
         for chunk in wears.chunks(ROWS_AT_ONCE) {
@@ -73,7 +73,7 @@ impl Commit {
                 .bind(to_json(&without_posterior, "estimate", id)?)
                 .bind(indicators.bytes.as_slice());
         }
-        query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.transaction).await?;
+        query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.inner).await?;
         Ok(())
     }
 
@@ -88,7 +88,7 @@ impl Commit {
             let query = without
                 .iter()
                 .fold(query, |query, row| query.bind(row.segment.0.as_str()).bind(row.generation));
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         if !with.is_empty() {
             // Nearly all posteriors of a channel are over the same depths.
@@ -109,7 +109,7 @@ impl Commit {
                     .bind(row.generation)
                     .bind(probability.bytes.as_slice());
             }
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         Ok(())
     }

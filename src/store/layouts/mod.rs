@@ -18,8 +18,8 @@ use sqlx::{Any, Executor};
 
 use crate::estimate::Posterior;
 use crate::store::StoreError;
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{from_json, get, placeholders, rows_of_placeholders, to_json};
+use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
 
 /// First byte of a value in columns; a value as JSON begins with another one.
 const COLUMNS: u8 = 1;
@@ -225,7 +225,7 @@ impl Layouts {
     }
 }
 
-impl Commit {
+impl Transaction {
     /// Stores the layouts of values that are to be written in this transaction.
     pub(in crate::store) async fn store_layouts<'a>(
         &mut self,
@@ -246,7 +246,7 @@ impl Commit {
             );
             let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             let query = chunk.iter().fold(query, |query, (id, layout)| query.bind(*id).bind(layout.as_str()));
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         for (id, layout) in new {
             self.new_layouts.insert(id, Arc::new(from_json(&layout, "layout", "a record")?));

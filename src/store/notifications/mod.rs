@@ -10,8 +10,8 @@ use sha2::{Digest, Sha256};
 
 use crate::asset::{AssetId, from_json_name};
 use crate::estimate::{AlarmQuantity, AlarmRule, AlarmState, Severity};
-use crate::store::commit::Commit;
 use crate::store::database::rows::{get, get_time, to_json, to_ns};
+use crate::store::transaction::Transaction;
 use crate::store::{AlarmNotice, StoreError};
 
 /// A recipient of notifications.
@@ -96,7 +96,7 @@ pub struct Notification {
     pub value: Option<f64>,
 }
 
-impl Commit {
+impl Transaction {
     /// Stores a notification for each recipient concerned if a change gives the alarm another severity than
     /// the previous notification. A shelved alarm causes none until its shelving ends.
     pub(in crate::store) async fn note_for_recipients(
@@ -110,7 +110,7 @@ impl Commit {
         }
         let row = sqlx::query("SELECT told_severity, told_number FROM alarms WHERE id = $1")
             .bind(alarm.id.as_str())
-            .fetch_one(&mut *self.transaction)
+            .fetch_one(&mut *self.inner)
             .await?;
         let last_severity: Option<String> = get(&row, "told_severity")?;
         let before = last_severity.and_then(|name| from_json_name(&name).ok());
@@ -129,7 +129,7 @@ impl Commit {
             .bind(alarm.id.as_str())
             .bind(after.map(Severity::name))
             .bind(number)
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         let noted_at = self.time(now).await?;
         let notification = Notification {
@@ -160,7 +160,7 @@ impl Commit {
         let Some(text) = self.dialect.time_ns() else {
             return Ok(local);
         };
-        let row = sqlx::query(text).fetch_one(&mut *self.transaction).await?;
+        let row = sqlx::query(text).fetch_one(&mut *self.inner).await?;
         get_time(&row, "now_ns")
     }
 
@@ -181,7 +181,7 @@ impl Commit {
         .bind(i64::try_from(notification.number).unwrap_or(i64::MAX))
         .bind(to_json(notification, "notification", id)?)
         .bind(to_ns(notification.noted_at)?)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         Ok(())
     }

@@ -2,8 +2,8 @@
 
 use super::removal::RecordRange;
 use crate::asset::{AssetId, Segment, SegmentId};
-use crate::store::commit::Commit;
 use crate::store::database::rows::{from_ns, get, to_ns};
+use crate::store::transaction::Transaction;
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
 impl Store {
@@ -18,25 +18,25 @@ impl Store {
         range: &RecordRange,
         is_excluded: bool,
     ) -> Result<u64, StoreError> {
-        let mut commit = self.begin().await?;
-        commit.asset(asset).await?;
+        let mut transaction = self.begin().await?;
+        transaction.asset(asset).await?;
         let mut channels = self.channels(asset).await?;
         channels.retain(|channel| range.channel.as_ref().is_none_or(|name| *name == channel.channel));
         channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         let mut changed = 0;
         for channel in &channels {
-            let mut channel = commit.channel_again(channel).await?;
-            let keys = commit.mark_excluded(&channel, range, is_excluded).await?;
+            let mut channel = transaction.channel_again(channel).await?;
+            let keys = transaction.mark_excluded(&channel, range, is_excluded).await?;
             let Some(first) = keys.iter().min().cloned() else {
                 continue;
             };
             changed += keys.len() as u64;
             channel.must_fold = true;
             channel.note_change(first);
-            commit.set_channel(&mut channel, true).await?;
+            transaction.set_channel(&mut channel, true).await?;
         }
         if changed > 0 {
-            commit.finish().await?;
+            transaction.commit().await?;
         }
         Ok(changed)
     }
@@ -73,7 +73,7 @@ impl Store {
     }
 }
 
-impl Commit {
+impl Transaction {
     /// Marks records of a channel as excluded or not; returns the keys of those that changed.
     async fn mark_excluded(
         &mut self,
@@ -91,7 +91,7 @@ impl Commit {
         .bind(range.to.map_or(Ok(i64::MAX), to_ns)?)
         .bind(range.raw_sha256.as_deref().unwrap_or_default())
         .bind(i64::from(is_excluded))
-        .fetch_all(&mut *self.transaction)
+        .fetch_all(&mut *self.inner)
         .await?;
         let keys = rows.iter().map(|row| {
             Ok(SegmentKey { start_time: from_ns(get(row, "start_time_ns")?), id: SegmentId(get(row, "id")?) })

@@ -6,8 +6,8 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::raw::kept_among;
 use crate::asset::{AssetId, Segment, SegmentId};
-use crate::store::commit::{Commit, ROWS_AT_ONCE};
 use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
+use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
 /// Selects records of an asset.
@@ -93,25 +93,25 @@ impl Store {
         asset: &AssetId,
         ids: &[SegmentId],
     ) -> Result<RemovedRecords, StoreError> {
-        let mut commit = self.begin().await?;
-        commit.asset(asset).await?;
+        let mut transaction = self.begin().await?;
+        transaction.asset(asset).await?;
         let mut channels = self.channels(asset).await?;
         channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         let mut removed = RemovedRecords::default();
         let mut names = BTreeSet::new();
         for channel in &channels {
-            let channel = commit.channel_again(channel).await?;
-            let records = commit.records_among(&channel, ids).await?;
+            let channel = transaction.channel_again(channel).await?;
+            let records = transaction.records_among(&channel, ids).await?;
             let Some(first) = records.iter().map(|record| &record.key).min().cloned() else {
                 continue;
             };
-            commit.delete_segments(records.iter().map(|record| &record.key.id)).await?;
-            commit.without(channel, first, records.len() as u64).await?;
+            transaction.delete_segments(records.iter().map(|record| &record.key.id)).await?;
+            transaction.without(channel, first, records.len() as u64).await?;
             names.extend(records.iter().map(|record| record.raw_sha256.clone()));
             removed.segments.extend(records.into_iter().map(|record| record.key.id));
         }
-        removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
-        commit.finish().await?;
+        removed.orphans = transaction.count_raw_gone(asset, names.into_iter().collect()).await?;
+        transaction.commit().await?;
         for channel in channels {
             self.inner.trends.remove(channel.channel_no);
         }
@@ -119,7 +119,7 @@ impl Store {
     }
 }
 
-impl Commit {
+impl Transaction {
     async fn records_among(
         &mut self,
         channel: &ChannelSummary,
@@ -133,7 +133,7 @@ impl Commit {
             );
             let query = sqlx::query(&text).bind(channel.channel_no);
             let query = chunk.iter().fold(query, |query, id| query.bind(id.0.as_str()));
-            for row in query.fetch_all(&mut *self.transaction).await? {
+            for row in query.fetch_all(&mut *self.inner).await? {
                 let start_time = from_ns(get(&row, "start_time_ns")?);
                 records.push(RemovableRecord {
                     key: SegmentKey { start_time, id: SegmentId(get(&row, "id")?) },
@@ -153,7 +153,7 @@ impl Commit {
             let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
             let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             let query = chunk.iter().fold(query, |query, id| query.bind(id.0.as_str()));
-            query.execute(&mut *self.transaction).await?;
+            query.execute(&mut *self.inner).await?;
         }
         Ok(())
     }
@@ -172,10 +172,10 @@ impl Commit {
                 "SELECT id, start_time_ns FROM segments WHERE channel_no = $1 ORDER BY start_time_ns {direction}, id {direction} LIMIT 1"
             );
             let query = sqlx::query(&text).bind(channel.channel_no);
-            let Some(row) = query.fetch_optional(&mut *self.transaction).await? else {
+            let Some(row) = query.fetch_optional(&mut *self.inner).await? else {
                 sqlx::query("DELETE FROM channels WHERE channel_no = $1")
                     .bind(channel.channel_no)
-                    .execute(&mut *self.transaction)
+                    .execute(&mut *self.inner)
                     .await?;
                 return Ok(());
             };
@@ -208,7 +208,7 @@ impl Commit {
             );
             let query = sqlx::query(&text).bind(asset.as_str());
             let query = chunk.iter().fold(query, |query, name| query.bind(name.as_str()));
-            let rows = query.fetch_all(&mut *self.transaction).await?;
+            let rows = query.fetch_all(&mut *self.inner).await?;
             let used = rows.iter().map(|row| get(row, "raw_sha256"));
             let used: HashSet<String> = used.collect::<Result<_, StoreError>>()?;
             gone.extend(chunk.iter().filter(|name| !used.contains(*name)).cloned());
@@ -221,16 +221,16 @@ impl Commit {
             );
             let query = sqlx::query(&text).bind(asset.as_str());
             let query = chunk.iter().fold(query, |query, name| query.bind(name.as_str()));
-            for row in query.fetch_all(&mut *self.transaction).await? {
+            for row in query.fetch_all(&mut *self.inner).await? {
                 bytes += get::<i64>(&row, "bytes")?;
             }
         }
         sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
             .bind(asset.as_str())
             .bind(bytes)
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
-        let kept = kept_among(&mut self.transaction, &gone).await?;
+        let kept = kept_among(&mut self.inner, &gone).await?;
         gone.retain(|name| !kept.contains(name));
         Ok(gone)
     }

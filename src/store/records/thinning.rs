@@ -5,8 +5,8 @@ use sqlx::any::AnyRow;
 
 use crate::asset::SegmentId;
 use crate::store::assets::channel_of;
-use crate::store::commit::Commit;
 use crate::store::database::rows::{from_ns, get, to_ns};
+use crate::store::transaction::Transaction;
 use crate::store::{ChannelSummary, Store, StoreError};
 
 /// Time between two rounds of thinning by any process.
@@ -120,13 +120,13 @@ impl Store {
         channel: &ChannelSummary,
         thinning: Thinning,
     ) -> Result<(u64, bool), StoreError> {
-        let mut commit = self.begin().await?;
+        let mut transaction = self.begin().await?;
         // Asset or channel may be deleted by now.
-        let asset = match commit.asset(&channel.asset_id).await {
+        let asset = match transaction.asset(&channel.asset_id).await {
             Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
             other => other?,
         };
-        let mut channel = match commit.channel_again(channel).await {
+        let mut channel = match transaction.channel_again(channel).await {
             Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
             other => other?,
         };
@@ -136,43 +136,43 @@ impl Store {
         }
         let mut starts_ns = vec![i64::MIN];
         // Within the transaction: no event is added before its end.
-        for event in commit.maintenance(&channel.asset_id).await? {
+        for event in transaction.maintenance(&channel.asset_id).await? {
             starts_ns.push(to_ns(event.time)?);
         }
         let records = KEPT_PER_BASELINE_RECORD * i64::from(asset.spec.baseline.records);
         let kept = KeptStarts { starts_ns, records };
         // The places of the records after the newest state follow from their number.
-        let Some(folded) = commit.newest_state_start(&channel).await? else {
+        let Some(folded) = transaction.newest_state_start(&channel).await? else {
             return Ok((0, true));
         };
         let before = thinning.before(channel.last_start_time.unwrap_or(Timestamp::UNIX_EPOCH)).min(folded);
-        let (thinned_until_ns, first) = commit.old_records(&channel, before, 1).await?;
+        let (thinned_until_ns, first) = transaction.old_records(&channel, before, 1).await?;
         let is_due = thinned_until_ns < to_ns(thinning.due(before))?;
         // Mostly the earliest record that is left still has its raw bytes.
         if !is_due || first.iter().all(|record| record.has_raw) {
             return Ok((0, true));
         }
-        let (_, old) = commit.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
+        let (_, old) = transaction.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
         let (removed, until_ns) =
-            commit.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
-        commit.delete_segments(removed.iter().map(|record| &record.id)).await?;
+            transaction.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
+        transaction.delete_segments(removed.iter().map(|record| &record.id)).await?;
         sqlx::query("UPDATE channels SET thinned_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
             .bind(until_ns)
-            .execute(&mut *commit.transaction)
+            .execute(&mut *transaction.inner)
             .await?;
         if !removed.is_empty() {
             channel.segments -= removed.len() as u64;
-            commit.set_channel(&mut channel, true).await?;
+            transaction.set_channel(&mut channel, true).await?;
         }
         let is_done = old.len() < EXAMINED_AT_ONCE || until_ns == thinned_until_ns;
         let count = removed.len() as u64;
-        commit.finish().await?;
+        transaction.commit().await?;
         Ok((count, is_done))
     }
 }
 
-impl Commit {
+impl Transaction {
     /// The time of the last record in the newest stored state of a channel's served history.
     async fn newest_state_start(
         &mut self,
@@ -183,7 +183,7 @@ impl Commit {
         )
         .bind(channel.channel_no)
         .bind(channel.wear_generation)
-        .fetch_one(&mut *self.transaction)
+        .fetch_one(&mut *self.inner)
         .await?;
         Ok(get::<Option<i64>>(&row, "start_ns")?.map(from_ns))
     }
@@ -197,7 +197,7 @@ impl Commit {
     ) -> Result<(i64, Vec<OldRecord>), StoreError> {
         let row = sqlx::query("SELECT thinned_until_ns FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)
-            .fetch_one(&mut *self.transaction)
+            .fetch_one(&mut *self.inner)
             .await?;
         let from_ns: i64 = get(&row, "thinned_until_ns")?;
         let rows = sqlx::query(
@@ -210,7 +210,7 @@ impl Commit {
         .bind(from_ns)
         .bind(to_ns(before)?)
         .bind(limit as i64)
-        .fetch_all(&mut *self.transaction)
+        .fetch_all(&mut *self.inner)
         .await?;
         let last = channel.last_segment.as_ref();
         let old = rows.iter().map(|row: &AnyRow| {
@@ -241,7 +241,7 @@ impl Commit {
         )
         .bind(channel.channel_no)
         .bind(from_ns)
-        .fetch_one(&mut *self.transaction)
+        .fetch_one(&mut *self.inner)
         .await?;
         let mut interval = get::<Option<i64>>(&before, "last_ns")?.map(|ns| ns.div_euclid(interval_ns));
         // Records of the current part up to the first of `old`.
@@ -287,7 +287,7 @@ impl Commit {
         .bind(start_ns)
         .bind(end_ns)
         .bind(kept.records)
-        .fetch_one(&mut *self.transaction)
+        .fetch_one(&mut *self.inner)
         .await?;
         get(&row, "records")
     }

@@ -8,8 +8,8 @@ use sha2::{Digest, Sha256};
 
 use super::{StoredAlarm, alarm_of, change_of};
 use crate::estimate::{ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
-use crate::store::commit::Commit;
 use crate::store::database::rows::{get, get_count, to_json, to_ns};
+use crate::store::transaction::Transaction;
 use crate::store::{ChannelSummary, SegmentKey, StoreError};
 
 /// A change of an alarm and its place in the fold.
@@ -48,7 +48,7 @@ pub struct AlarmNotice {
     pub change: AlarmChange,
 }
 
-impl Commit {
+impl Transaction {
     /// Writes a channel's alarms as folded. Returns the notices of new changes: every change by appended
     /// records; after a history was folded again, only those of alarms whose state or severity differs from
     /// before.
@@ -139,7 +139,7 @@ impl Commit {
         .bind(id)
         .bind(to_ns(taken.after)?)
         .bind(to_json(taken, "action", id)?)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         sqlx::query(
             "INSERT INTO alarm_changes (alarm_id, place, number, change)
@@ -148,7 +148,7 @@ impl Commit {
         .bind(id)
         .bind(i64::try_from(place_after).unwrap_or(i64::MAX))
         .bind(to_json(change, "change", id)?)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         // Other actions, such as comments, cause no notification.
         if matches!(
@@ -176,7 +176,7 @@ impl Commit {
         )
         .bind(channel.channel_no)
         .bind(channel.wear_generation)
-        .fetch_optional(&mut *self.transaction)
+        .fetch_optional(&mut *self.inner)
         .await?;
         let folded = match row {
             Some(row) => get_count(&row, "position")? + get_count(&row, "later")?,
@@ -190,7 +190,7 @@ impl Commit {
             "SELECT l.*, c.asset_id, c.name AS channel FROM alarms l JOIN channels c ON c.channel_no = l.channel_no WHERE l.channel_no = $1",
         )
         .bind(channel.channel_no)
-        .fetch_all(&mut *self.transaction)
+        .fetch_all(&mut *self.inner)
         .await?;
         rows.iter().map(alarm_of).collect()
     }
@@ -207,7 +207,7 @@ impl Commit {
         )
         .bind(channel.channel_no)
         .bind(i64::try_from(after).unwrap_or(i64::MAX))
-        .fetch_all(&mut *self.transaction)
+        .fetch_all(&mut *self.inner)
         .await?;
         let mut changes: HashMap<String, Vec<_>> = HashMap::new();
         for row in &rows {
@@ -235,7 +235,7 @@ impl Commit {
         .bind(alarm.severity().map(|severity| severity.name()))
         .bind(alarm.shelved_until().map(to_ns).transpose()?)
         .bind(to_ns(stored.changed_at)?)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         Ok(())
     }
@@ -253,11 +253,11 @@ impl Commit {
         )
         .bind(id)
         .bind(i64::try_from(after).unwrap_or(i64::MAX))
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         // Withdrawn changes that the new fold contains again are no longer withdrawn.
         let text = "SELECT * FROM alarm_changes WHERE alarm_id = $1 AND withdrawn_at_ns IS NOT NULL ORDER BY place, number";
-        let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
+        let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.inner).await?;
         for row in &rows {
             let withdrawn = change_of(row)?.change;
             if new.iter().any(|new| new.change.is_equivalent_to(&withdrawn)) {
@@ -265,7 +265,7 @@ impl Commit {
                     .bind(id)
                     .bind(get::<i64>(row, "number")?)
                     .bind(get::<i64>(row, "place")?)
-                    .execute(&mut *self.transaction)
+                    .execute(&mut *self.inner)
                     .await?;
             }
         }
@@ -278,7 +278,7 @@ impl Commit {
             "SELECT COALESCE(MAX(number), 0) + 1 AS number FROM alarm_changes WHERE alarm_id = $1",
         )
         .bind(id)
-        .fetch_one(&mut *self.transaction)
+        .fetch_one(&mut *self.inner)
         .await?;
         for (number, (place, change, withdrawn_at)) in (get::<i64>(&first, "number")?..).zip(all) {
             sqlx::query("INSERT INTO alarm_changes (alarm_id, place, number, change, withdrawn_at_ns) VALUES ($1, $2, $3, $4, $5)")
@@ -287,7 +287,7 @@ impl Commit {
                 .bind(number)
                 .bind(to_json(change, "change", id)?)
                 .bind(withdrawn_at.map(to_ns).transpose()?)
-                .execute(&mut *self.transaction)
+                .execute(&mut *self.inner)
                 .await?;
         }
         Ok(())

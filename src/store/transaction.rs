@@ -23,13 +23,13 @@ const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id,
     newest_generation, analysis_key, feature_key, fold_key, must_fold, leftovers, next_analysis_generation, next_analysis_key, \
     next_wear_generation, maker_until_ns, changed_from_ns, changed_from_id";
 
-/// A transaction on any number of channels. Nothing is stored until [`finish`](Self::finish) returns; then
+/// A transaction on any number of channels. Nothing is stored until [`commit`](Self::commit) returns; then
 /// everything is durable.
 ///
 /// On a shared store rows are locked in this order to avoid deadlocks: assets by name, then channels by asset
 /// and name, then dependent rows.
-pub struct Commit {
-    pub(super) transaction: WatchedTransaction,
+pub struct Transaction {
+    pub(super) inner: WatchedTransaction,
     pub(super) dialect: Dialect,
     pub(super) recipients: Arc<Recipients>,
     pub(super) layouts: Arc<LayoutCache>,
@@ -39,10 +39,10 @@ pub struct Commit {
 
 impl Store {
     /// Begins a transaction; waits for a write connection.
-    pub async fn begin(&self) -> Result<Commit, StoreError> {
+    pub async fn begin(&self) -> Result<Transaction, StoreError> {
         self.inner.is_changed.store(true, Ordering::Relaxed);
-        Ok(Commit {
-            transaction: self.write()?.begin().await?,
+        Ok(Transaction {
+            inner: self.write()?.begin().await?,
             dialect: self.dialect(),
             recipients: self.recipients(),
             layouts: Arc::clone(&self.inner.layouts),
@@ -51,7 +51,7 @@ impl Store {
     }
 }
 
-impl Commit {
+impl Transaction {
     /// Reads an asset; its description and events are locked against changes until the end of the
     /// transaction.
     ///
@@ -75,7 +75,7 @@ impl Commit {
         );
         let query = sqlx::query(&text).persistent(self.dialect.caches_statement(ids.len()));
         let query = ids.iter().fold(query, |query, id| query.bind(id.as_str()));
-        let rows = query.fetch_all(&mut *self.transaction).await?;
+        let rows = query.fetch_all(&mut *self.inner).await?;
         let assets = rows.iter().map(|row| asset_of(row).map(|asset| (asset.spec.id.clone(), asset)));
         let assets: HashMap<AssetId, Asset> = assets.collect::<Result<_, StoreError>>()?;
         match ids.iter().find(|id| !assets.contains_key(**id)) {
@@ -93,14 +93,14 @@ impl Commit {
         // Every change of assets locks the counter before the asset, so that changes of several assets cannot
         // deadlock.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.for_update());
-        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
+        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.inner).await?;
         let asset = asset_of(&row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?)?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
             .bind(id.as_str())
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         Ok(asset)
     }
@@ -136,7 +136,7 @@ impl Commit {
             let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             let query =
                 chunk.iter().fold(query, |query, (asset, name)| query.bind(asset.as_str()).bind(*name));
-            for row in query.fetch_all(&mut *self.transaction).await? {
+            for row in query.fetch_all(&mut *self.inner).await? {
                 let channel = channel_of(&row)?;
                 found.insert((channel.asset_id.clone(), channel.channel.clone()), channel);
             }
@@ -147,7 +147,7 @@ impl Commit {
     /// Creates a channel unless another process has created it in the meantime.
     async fn new_channel(&mut self, asset: &AssetId, channel: &str) -> Result<(), StoreError> {
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'channel_no'")
-            .execute(&mut *self.transaction)
+            .execute(&mut *self.inner)
             .await?;
         sqlx::query(
             "INSERT INTO channels (channel_no, asset_id, name, segments, revision, rewritten_revision)
@@ -156,7 +156,7 @@ impl Commit {
         )
         .bind(asset.as_str())
         .bind(channel)
-        .execute(&mut *self.transaction)
+        .execute(&mut *self.inner)
         .await?;
         Ok(())
     }
@@ -167,7 +167,7 @@ impl Commit {
     /// [`StoreError::AssetUnknown`] if it is deleted with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
         let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
-        let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.transaction).await?;
+        let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.inner).await?;
         let gone = || StoreError::AssetUnknown(channel.asset_id.clone());
         channel_of(&row.ok_or_else(gone)?)
     }
@@ -219,17 +219,14 @@ impl Commit {
                     .bind(optional_ns(channel.changed_from.as_ref().map(|key| key.start_time))?)
                     .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()));
             }
-            query
-                .persistent(self.dialect.caches_statement(chunk.len()))
-                .execute(&mut *self.transaction)
-                .await?;
+            query.persistent(self.dialect.caches_statement(chunk.len())).execute(&mut *self.inner).await?;
         }
         Ok(())
     }
 
     /// Commits the transaction.
-    pub async fn finish(self) -> Result<(), StoreError> {
-        self.transaction.commit().await?;
+    pub async fn commit(self) -> Result<(), StoreError> {
+        self.inner.commit().await?;
         self.layouts.add(self.new_layouts);
         Ok(())
     }
