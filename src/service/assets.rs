@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::catch_up::CatchUp;
+use super::backfill::Backfill;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::{Announcer, LiveEvent};
@@ -50,7 +50,7 @@ pub struct Assets {
     pub(crate) store: Store,
     pub(crate) simulations: Arc<Simulations>,
     pub(crate) history: Arc<History>,
-    pub(crate) catch_up: Arc<CatchUp>,
+    pub(crate) backfill: Arc<Backfill>,
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) streams: Arc<Streams>,
     pub(crate) clock: Arc<dyn Clock>,
@@ -84,7 +84,7 @@ impl Assets {
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         if spec.sensor.of.is_some() {
             self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
-            self.catch_up.in_background(vec![spec.id.clone()]);
+            self.backfill.in_background(vec![spec.id.clone()]);
         }
         Ok(asset)
     }
@@ -122,7 +122,7 @@ impl Assets {
         self.history.recompute_in_background(beside);
         self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
         if spec.sensor.of.is_some() {
-            self.catch_up.in_background(vec![spec.id.clone()]);
+            self.backfill.in_background(vec![spec.id.clone()]);
         }
         Ok(asset)
     }
@@ -213,7 +213,7 @@ impl Assets {
             Ok(asset) => {
                 self.simulations.describe(&asset.spec);
                 if asset.spec.sensor.of.is_some() {
-                    self.catch_up.in_background(vec![asset.spec.id.clone()]);
+                    self.backfill.in_background(vec![asset.spec.id.clone()]);
                 }
                 self.history.recompute_in_background(vec![asset.spec.id]);
                 Ok(())

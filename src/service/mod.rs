@@ -9,7 +9,7 @@
 //! | [`Streams`] | stores live streams in journals and cuts records out of them |
 //! | [`StoredRecords`] | reads stored records and computes their spectra |
 //! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | apply changes made by users |
-//! | `Retention`, `CatchUp`, `Upkeep` | run in the background |
+//! | `Retention`, `Backfill`, `Upkeep` | run in the background |
 //!
 //! The time comes from the [`Clock`] with which the service is started.
 //!
@@ -17,10 +17,10 @@
 //!
 //! The holder of one of these locks acquires only locks further down:
 //!
-//! 1. `Assets::describing`, `CatchUp::turn`, `Retention::turn`: one change of descriptions, one catch-up, one
-//!    application of the quotas at a time
+//! 1. `Assets::describing`, `Backfill::running`, `Retention::enforcing`: one change of descriptions, one backfill,
+//!    one application of the quotas at a time
 //! 2. `RawObjects`: shared while raw bytes have no rows yet, exclusive while objects are removed
-//! 3. the committer's turn: one transaction of segments, operator action or maintenance event at a time
+//! 3. `CommitQueue::committing`: one transaction of segments, operator action or maintenance event at a time
 //! 4. a channel's slot; several slots in the order of asset and channel
 //! 5. the transaction: rows of assets by name, then of channels by asset and name, then dependent rows
 //! 6. `RawObjects::noting`: one note of an asset at a time
@@ -30,7 +30,7 @@
 mod alarms;
 mod assets;
 mod background;
-mod catch_up;
+mod backfill;
 mod clock;
 mod error;
 mod events;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::alarms::Alarms;
 use super::assets::Assets;
-use super::catch_up::CatchUp;
+use super::backfill::Backfill;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
@@ -82,7 +82,7 @@ pub struct Service {
     clock: Arc<dyn Clock>,
     pub(super) raw: Arc<RawObjects>,
     retention: Arc<Retention>,
-    catch_up: Arc<CatchUp>,
+    backfill: Arc<Backfill>,
     upkeep_interval: Duration,
     old_results: Option<OldResults>,
 }
@@ -147,14 +147,14 @@ impl Service {
             tally: Arc::clone(&tally),
             start_time_ahead: limits.start_time_ahead,
         });
-        let catch_up = Arc::new(CatchUp {
+        let backfill = Arc::new(Backfill {
             store: store.clone(),
             workers: Arc::clone(&workers),
             pipeline: Arc::clone(&pipeline),
             raw: Arc::clone(&raw),
             clock: Arc::clone(&clock),
             role: role.clone(),
-            turn: tokio::sync::Mutex::default(),
+            running: tokio::sync::Mutex::default(),
         });
         let streams = Streams::new(
             store.clone(),
@@ -171,7 +171,7 @@ impl Service {
                 store: store.clone(),
                 simulations: Arc::clone(&simulations),
                 history: Arc::clone(&history),
-                catch_up: Arc::clone(&catch_up),
+                backfill: Arc::clone(&backfill),
                 raw: Arc::clone(&raw),
                 streams: Arc::clone(&streams),
                 clock: Arc::clone(&clock),
@@ -235,7 +235,7 @@ impl Service {
             clock,
             raw,
             retention,
-            catch_up,
+            backfill,
         }))
     }
 
@@ -273,7 +273,7 @@ impl Service {
         }
         self.write_notes_in_background(all.clone());
         self.history.recompute_in_background(all);
-        self.catch_up.in_background(members);
+        self.backfill.in_background(members);
         self.alarms.end_shelvings_in_background();
         self.alarms.watch_silence_in_background();
         self.alarms.watch_joint_novelty_in_background();
@@ -283,7 +283,7 @@ impl Service {
             let upkeep = Upkeep {
                 store: self.store.clone(),
                 history: Arc::clone(&self.history),
-                catch_up: Arc::clone(&self.catch_up),
+                backfill: Arc::clone(&self.backfill),
                 raw: Arc::clone(&self.raw),
                 uploads: Arc::clone(&self.uploads),
                 clock: Arc::clone(&self.clock),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::background::every;
-use super::catch_up::CatchUp;
+use super::backfill::Backfill;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::history::History;
@@ -18,7 +18,7 @@ const MAX_ASSETS: u32 = 100;
 pub(crate) struct Upkeep {
     pub(crate) store: Store,
     pub(crate) history: Arc<History>,
-    pub(crate) catch_up: Arc<CatchUp>,
+    pub(crate) backfill: Arc<Backfill>,
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) uploads: Arc<UploadPieces>,
     pub(crate) clock: Arc<dyn Clock>,
@@ -26,7 +26,7 @@ pub(crate) struct Upkeep {
 }
 
 impl Upkeep {
-    /// Brings outdated histories up to date, lets members of sensor groups catch up, and removes what is no
+    /// Brings outdated histories up to date, backfills members of sensor groups, and removes what is no
     /// longer needed, periodically in the background.
     pub(crate) fn in_background(self) {
         let (store, interval, upkeep) = (self.store.clone(), self.interval, Arc::new(self));
@@ -39,9 +39,9 @@ impl Upkeep {
     async fn run_once(&self) -> Result<(), ServiceError> {
         let outdated = self.store.outdated_assets(MAX_ASSETS).await?;
         self.history.recompute_in_background(outdated);
-        // A running catch-up may take longer than the time between two rounds.
-        if !self.catch_up.is_busy() {
-            self.catch_up.in_background(self.store.late_members(MAX_ASSETS).await?);
+        // A running backfill may take longer than the time between two rounds.
+        if !self.backfill.is_busy() {
+            self.backfill.in_background(self.store.late_members(MAX_ASSETS).await?);
         }
         self.store.raise_generation_if_changed().await?;
         self.uploads.expire().await?;

@@ -63,8 +63,8 @@ impl Store {
         rows.iter().map(|row| asset_id(get(row, "asset_id")?)).collect()
     }
 
-    /// Marks an asset as caught up with the earlier records of the asset whose sensor it shares.
-    pub async fn caught_up(&self, member: &AssetId, of: &AssetId) -> Result<(), StoreError> {
+    /// Marks an asset as backfilled with the earlier records of the asset whose sensor it shares.
+    pub async fn mark_backfilled(&self, member: &AssetId, of: &AssetId) -> Result<(), StoreError> {
         sqlx::query("UPDATE shared_sensors SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
             .bind(member.as_str())
             .bind(of.as_str())

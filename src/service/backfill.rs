@@ -1,4 +1,4 @@
-//! Catch-up: analyses the records of a shared sensor that one of its assets lacks because it was created
+//! Backfill: analyses the records of a shared sensor that one of its assets lacks because it was created
 //! later, or because a process ended in between.
 
 use std::collections::HashSet;
@@ -21,38 +21,38 @@ use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError}
 /// Maximum number of records analysed in one batch.
 const AT_ONCE: u32 = 32;
 
-/// Time after which a failed catch-up is tried again.
+/// Time after which a failed backfill is tried again.
 const RETRY_AFTER: Duration = Duration::from_secs(60);
 
 /// Analyses earlier records for assets that share another one's sensor.
-pub(crate) struct CatchUp {
+pub(crate) struct Backfill {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
     pub(crate) pipeline: Arc<Pipeline>,
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) role: Role,
-    /// Held while assets catch up.
-    pub(crate) turn: tokio::sync::Mutex<()>,
+    /// Held during a backfill.
+    pub(crate) running: tokio::sync::Mutex<()>,
 }
 
-impl CatchUp {
+impl Backfill {
     /// Analyses, in the background, the records that these members of a sensor group lack. Does nothing on an
     /// API node, where workers are notified of the assets instead.
     pub(crate) fn in_background(self: &Arc<Self>, mut members: Vec<AssetId>) {
         if members.is_empty() || self.role.is_api_node() {
             return;
         }
-        let catch_up = Arc::clone(self);
+        let backfill = Arc::clone(self);
         tokio::spawn(async move {
             loop {
-                members = catch_up.assets(members).await;
+                members = backfill.assets(members).await;
                 // On a shared store the upkeep tries again.
-                if members.is_empty() || catch_up.store.is_shared() {
+                if members.is_empty() || backfill.store.is_shared() {
                     return;
                 }
                 tokio::time::sleep(RETRY_AFTER).await;
-                if catch_up.store.is_closed() {
+                if backfill.store.is_closed() {
                     return;
                 }
             }
@@ -61,7 +61,7 @@ impl CatchUp {
 
     /// Analyses the records that these assets lack; returns the assets to be tried again.
     async fn assets(&self, members: Vec<AssetId>) -> Vec<AssetId> {
-        let _turn = self.turn.lock().await;
+        let _running = self.running.lock().await;
         let mut failed = Vec::new();
         for member in members {
             match self.asset(&member).await {
@@ -80,9 +80,9 @@ impl CatchUp {
         failed
     }
 
-    /// Whether a catch-up is running.
+    /// Whether a backfill is running.
     pub(crate) fn is_busy(&self) -> bool {
-        self.turn.try_lock().is_err()
+        self.running.try_lock().is_err()
     }
 
     async fn asset(&self, member: &AssetId) -> Result<usize, ServiceError> {
@@ -97,7 +97,7 @@ impl CatchUp {
                 records += self.channel(member, &channel).await?;
             }
         }
-        self.store.caught_up(member, &of).await?;
+        self.store.mark_backfilled(member, &of).await?;
         Ok(records)
     }
 
