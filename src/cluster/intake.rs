@@ -84,21 +84,21 @@ impl Intake {
             let Some(message) = message else {
                 return Err(failed("take a record")("the requests ended".into()));
             };
-            self.hand_over(message.map_err(|error| failed("take a record")(error.into()))?).await;
+            self.start(message.map_err(|error| failed("take a record")(error.into()))?).await;
         }
         Ok(())
     }
 
     /// Waits until a record is in progress. Its task continues to wait if this future is dropped.
-    async fn hand_over(&self, message: Message) {
-        let (begun, has_begun) = oneshot::channel();
+    async fn start(&self, message: Message) {
+        let (started, has_started) = oneshot::channel();
         let (worker, slots, busy) = (self.worker.clone(), Arc::clone(&self.slots), self.busy.clone());
         tokio::spawn(async move {
             let _busy = busy;
-            worker.take_turn(message, slots, begun).await;
+            worker.process_in_slot(message, slots, started).await;
         });
         // An error if the record was returned to the queue.
-        let _ = has_begun.await;
+        let _ = has_started.await;
     }
 }
 

@@ -133,7 +133,7 @@ impl Worker {
 
     /// Waits for a slot, then processes a record while holding it; announces when that begins. A record that
     /// waits when the worker stops returns to the queue.
-    pub(super) async fn take_turn(self, message: Message, slots: Arc<Semaphore>, begun: oneshot::Sender<()>) {
+    pub(super) async fn process_in_slot(self, message: Message, slots: Arc<Semaphore>, started: oneshot::Sender<()>) {
         let mut stop = self.stop.clone();
         let slot = tokio::select! {
             slot = slots.acquire_owned() => slot.ok(),
@@ -150,7 +150,7 @@ impl Worker {
             }
             return;
         };
-        let _ = begun.send(());
+        let _ = started.send(());
         let in_progress = Arc::clone(&self.in_progress);
         in_progress.fetch_add(1, Ordering::Relaxed);
         self.handle(message).await;

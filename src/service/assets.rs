@@ -67,7 +67,7 @@ impl Assets {
     /// # Errors
     /// The asset whose sensor it shares does not exist or itself shares a sensor.
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
-        let _turn = self.describing.lock().await;
+        let _guard = self.describing.lock().await;
         let mut tries = Tries::default();
         let asset = loop {
             let inserted = self.insert_checked(spec).await;
@@ -106,7 +106,7 @@ impl Assets {
     /// # Errors
     /// [`ServiceError::Precondition`].
     pub async fn update(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
-        let _turn = self.describing.lock().await;
+        let _guard = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
         let mut tries = Tries::default();
         let asset = loop {
@@ -149,7 +149,7 @@ impl Assets {
     /// # Errors
     /// [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
     pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
-        let _turn = self.describing.lock().await;
+        let _guard = self.describing.lock().await;
         precondition.check(&self.store.asset(id).await?)?;
         ids_beside(&self.store, id).await?;
         let removed = self.remove_records(id).await?;

@@ -116,8 +116,8 @@ impl Workers {
 
     /// Admits the reading of one more whole recording, or returns [`ServiceError::Busy`] at once.
     pub(crate) fn admit_recording(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
-        let turn = Arc::clone(&self.recordings).try_acquire_owned();
-        turn.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
+        let permit = Arc::clone(&self.recordings).try_acquire_owned();
+        permit.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
     }
 
     /// Waits until another recording may be read.
@@ -163,11 +163,11 @@ impl Workers {
             return self.run(task, f).await;
         }
         let samples = samples.min(MAX_RECORD_SAMPLES) as u32;
-        let turn = Arc::clone(&self.large).acquire_many_owned(samples).await;
-        let turn = turn.map_err(|_| ServiceError::WorkerLost(task))?;
+        let permit = Arc::clone(&self.large).acquire_many_owned(samples).await;
+        let permit = permit.map_err(|_| ServiceError::WorkerLost(task))?;
         self.run(task, move || {
             // The memory is in use until the end, even if the caller is gone.
-            let _turn = turn;
+            let _permit = permit;
             f()
         })
         .await

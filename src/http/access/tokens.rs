@@ -61,7 +61,7 @@ impl Tokens {
         if let Some(tokens) = self.cached()? {
             return Ok(tokens);
         }
-        let _turn = self.asking.lock().await;
+        let _guard = self.asking.lock().await;
         // Another request may have read them in the meantime
         if let Some(tokens) = self.cached()? {
             return Ok(tokens);

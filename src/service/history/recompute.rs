@@ -42,7 +42,7 @@ const REMOVED_AT_ONCE: u32 = 500;
 
 /// Maximum number of times that records added by other processes are folded before the recomputation is
 /// retried later.
-const MAX_TURNS: u32 = 100;
+const MAX_ROUNDS: u32 = 100;
 
 /// The outcome of bringing a history up to date.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -227,7 +227,7 @@ impl Recomputer {
         // Under the lock this process adds no records, and few have arrived since. Those that another process
         // adds are folded in another round.
         let mut slot = slot.lock().await;
-        let mut turns = 0;
+        let mut rounds = 0;
         let (notices, now) = loop {
             let current_asset = described(&self.store, asset).await?;
             if analysis_keys(&current_asset.spec) != wanted.analysed {
@@ -254,7 +254,7 @@ impl Recomputer {
             let from = GenerationInputs { asset: current_asset.version(), channel: current.version() };
             let now = self.clock.now();
             match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
-                Err(error) if error.is_conflict() && turns < MAX_TURNS => turns += 1,
+                Err(error) if error.is_conflict() && rounds < MAX_ROUNDS => rounds += 1,
                 served => break (served?, now),
             }
         };

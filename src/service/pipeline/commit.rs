@@ -61,7 +61,7 @@ pub(crate) struct Committer {
 pub(crate) struct CommitQueue {
     jobs: Mutex<Vec<Job>>,
     /// Held during a commit of segments, and during changes that must not run concurrently with one.
-    turn: tokio::sync::Mutex<()>,
+    committing: tokio::sync::Mutex<()>,
 }
 
 impl CommitQueue {
@@ -85,7 +85,7 @@ impl CommitQueue {
 impl Committer {
     /// Waits until no segments are being committed, and blocks commits until the guard is dropped.
     pub(crate) async fn pause(&self) -> tokio::sync::MutexGuard<'_, ()> {
-        self.queue.turn.lock().await
+        self.queue.committing.lock().await
     }
 
     /// Folds, stores and announces segments of one asset. Returns them in the given order once everything is
@@ -100,8 +100,8 @@ impl Committer {
         queue.push(Job { asset: asset.clone(), segments, answer });
         loop {
             {
-                // The holder of the turn commits for all waiting callers, which then find their answer ready.
-                let _turn = queue.turn.lock().await;
+                // The holder of the lock commits for all waiting callers, which then find their answer ready.
+                let _guard = queue.committing.lock().await;
                 if let Ok(answer) = answered.try_recv() {
                     return answer;
                 }

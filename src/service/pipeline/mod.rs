@@ -29,7 +29,7 @@
 //!   Pipeline::finish                     counts the outcomes
 //!    Pipeline::commit                    commits, then ends the protection of the raw bytes
 //!     Pipeline::commit_segments          analyses again if the description has changed
-//!      Committer::commit                 waits for its turn, then commits for all that wait
+//!      Committer::commit                 waits for the lock, then commits for all that wait
 //!       Committer::commit_jobs           if all fail together, commits each job separately
 //!        Committer::commit_with_retries  commits again after a conflict with another process
 //!         Committer::commit_together     locks the channels and opens the transaction

@@ -39,7 +39,7 @@ impl Pipeline {
         names: ChannelNames,
         open: impl FnOnce() -> io::Result<R> + Send + 'static,
     ) -> Result<BatchSummary, ServiceError> {
-        let _turn = self.workers.admit_recording()?;
+        let _permit = self.workers.admit_recording()?;
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let units = ChannelUnits::of(&self.store, &spec).await?;
         let mut defaults = defaults_of(&spec, &units, self.clock.now());

@@ -99,7 +99,7 @@ impl RawObjects {
     /// An existing note is kept while removals are suspended, that is, if the objects may not belong to the
     /// database.
     pub(crate) async fn note_asset(&self, id: &AssetId) -> Result<(), ServiceError> {
-        let _turn = self.noting.lock().await;
+        let _guard = self.noting.lock().await;
         let mut note = self.note_of(id).await?;
         loop {
             self.write_note(id, note.clone()).await?;

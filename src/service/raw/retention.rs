@@ -22,14 +22,15 @@ pub(crate) struct Retention {
     store: Store,
     objects: Arc<RawObjects>,
     quotas: RawQuotas,
-    turn: Mutex<()>,
+    /// Held while the quotas are applied.
+    enforcing: Mutex<()>,
     /// Whether something was committed since the quotas were last applied.
     is_due: AtomicBool,
 }
 
 impl Retention {
     pub(crate) fn new(store: Store, objects: Arc<RawObjects>, quotas: RawQuotas) -> Self {
-        Self { store, objects, quotas, turn: Mutex::default(), is_due: AtomicBool::default() }
+        Self { store, objects, quotas, enforcing: Mutex::default(), is_due: AtomicBool::default() }
     }
 
     /// Applies the quotas in the background.
@@ -42,7 +43,7 @@ impl Retention {
         tokio::spawn(async move {
             // One application at a time, which then looks for what was committed meanwhile.
             while retention.is_due.load(Ordering::SeqCst) {
-                let Ok(_turn) = retention.turn.try_lock() else {
+                let Ok(_guard) = retention.enforcing.try_lock() else {
                     return;
                 };
                 retention.is_due.store(false, Ordering::SeqCst);

@@ -18,9 +18,9 @@ use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS,
 };
 
-/// Pairs simulated in one turn, a few seconds on two cores, so that an asset waiting for its library is
+/// Pairs simulated in one round, a few seconds on two cores, so that an asset waiting for its library is
 /// served in between.
-const MEMBERS_PER_TURN: usize = 32 * VARIANTS;
+const MEMBERS_PER_ROUND: usize = 32 * VARIANTS;
 
 /// Ensembles by the id of their central library.
 pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
@@ -137,16 +137,16 @@ impl Job {
         Ok(done)
     }
 
-    /// Simulates all members, some more in each turn.
+    /// Simulates all members, some more in each round.
     fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
         let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
         let progress = self.progress();
         let mut ensemble = first;
-        for done in (begin..all).step_by(MEMBERS_PER_TURN) {
+        for done in (begin..all).step_by(MEMBERS_PER_ROUND) {
             let before = (done - begin) / VARIANTS;
             let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
             let permit = self.queue.wait(SimulationStage::Members);
-            let settings = EnsembleSettings { members: done + MEMBERS_PER_TURN };
+            let settings = EnsembleSettings { members: done + MEMBERS_PER_ROUND };
             if settings.members >= all {
                 return permit.run(|| self.members(&ensemble, &self.neighbours, &of_all));
             }
@@ -159,7 +159,7 @@ impl Job {
     /// Loads the library and its members from the cache, only the first members if not all are cached;
     /// returns whether everything was loaded.
     fn load(&self) -> bool {
-        let _turn = lock(&self.loading);
+        let _guard = lock(&self.loading);
         let Some(library) = self.source.cached(&self.pair, &self.grid) else {
             return false;
         };

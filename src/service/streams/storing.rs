@@ -79,7 +79,7 @@ impl Streams {
 
     /// Stores the next record.
     async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<Attempt, ServiceError> {
-        let _turn = self.records_at_once.acquire().await;
+        let _permit = self.records_at_once.acquire().await;
         if *self.is_over.borrow() {
             return Ok(Attempt::NonePending);
         }

@@ -211,7 +211,7 @@ impl Store {
             return Ok(trend);
         }
         // One reader at a time updates a history; the next ones find it updated.
-        let _turn = self.inner.trends.reading.lock().await;
+        let _guard = self.inner.trends.reading.lock().await;
         let mut trend = match self.inner.trends.remove(channel.channel_no) {
             Some(trend) if current(&trend) => {
                 self.inner.trends.put(Arc::clone(&trend));
