@@ -133,7 +133,12 @@ impl Worker {
 
     /// Waits for a slot, then processes a record while holding it; announces when that begins. A record that
     /// waits when the worker stops returns to the queue.
-    pub(super) async fn process_in_slot(self, message: Message, slots: Arc<Semaphore>, started: oneshot::Sender<()>) {
+    pub(super) async fn process_in_slot(
+        self,
+        message: Message,
+        slots: Arc<Semaphore>,
+        started: oneshot::Sender<()>,
+    ) {
         let mut stop = self.stop.clone();
         let slot = tokio::select! {
             slot = slots.acquire_owned() => slot.ok(),

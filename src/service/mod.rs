@@ -21,7 +21,7 @@
 //!    one application of the quotas at a time
 //! 2. `RawObjects`: shared while raw bytes have no rows yet, exclusive while objects are removed
 //! 3. `CommitQueue::committing`: one transaction of segments, operator action or maintenance event at a time
-//! 4. a channel's slot; several slots in the order of asset and channel
+//! 4. a channel's cache; several in the order of asset and channel
 //! 5. the transaction: rows of assets by name, then of channels by asset and name, then dependent rows
 //! 6. `RawObjects::noting`: one note of an asset at a time
 //!
@@ -29,8 +29,8 @@
 
 mod alarms;
 mod assets;
-mod background;
 mod backfill;
+mod background;
 mod clock;
 mod error;
 mod events;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::background::every;
 use super::backfill::Backfill;
+use super::background::every;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::history::History;

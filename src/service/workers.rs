@@ -117,7 +117,8 @@ impl Workers {
     /// Admits the reading of one more whole recording, or returns [`ServiceError::Busy`] at once.
     pub(crate) fn admit_recording(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
         let permit = Arc::clone(&self.recordings).try_acquire_owned();
-        permit.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
+        permit
+            .map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
     }
 
     /// Waits until another recording may be read.

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use tokio::sync::OwnedMutexGuard;
 
 use super::History;
-use super::channels::{Revisions, Slot};
+use super::channels::{ChannelCache, Revisions};
 use super::fold::{FoldInput, Folded, states_of, while_recomputing};
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
@@ -29,7 +29,7 @@ pub(crate) struct Appended<'a> {
     /// The channel as read in the transaction.
     channel: ChannelSummary,
     new: BTreeMap<SegmentKey, NewSegment>,
-    slot: OwnedMutexGuard<Slot>,
+    cache: OwnedMutexGuard<ChannelCache>,
     /// The keys of the channel's history.
     keys: ChannelKeys,
     fold: Fold,
@@ -60,7 +60,7 @@ impl History {
         current: &KeyedEstimator,
         channel: ChannelSummary,
         new: BTreeMap<SegmentKey, NewSegment>,
-        mut slot: OwnedMutexGuard<Slot>,
+        mut cache: OwnedMutexGuard<ChannelCache>,
     ) -> Result<Appended<'a>, ServiceError> {
         let wanted = analysis_keys(&asset.spec);
         if new.values().any(|segment| segment.analysed.keys != wanted) {
@@ -69,14 +69,14 @@ impl History {
         if channel.segments == 0 {
             // The first records of a channel are folded under the current keys.
             let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
-            let timeline = self.folding.timeline(asset, None, &mut slot).await?;
+            let timeline = self.folding.timeline(asset, None, &mut cache).await?;
             let folded = self.folding.fold_with_priority(current, None, inputs_of(&new), &timeline).await?;
             let estimator = current.clone();
             return Ok(Appended {
                 asset,
                 channel,
                 new,
-                slot,
+                cache,
                 keys,
                 fold: Fold::Complete { after: 0, folded, estimator },
             });
@@ -86,10 +86,10 @@ impl History {
         // Records are folded with the estimator of the served history until another history is served.
         let estimator = self.simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
-            Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
+            Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut cache).await?,
             None => Fold::while_recomputing(asset, &new),
         };
-        Ok(Appended { asset, channel, new, slot, keys, fold })
+        Ok(Appended { asset, channel, new, cache, keys, fold })
     }
 
     async fn fold_in(
@@ -98,14 +98,14 @@ impl History {
         asset: &Asset,
         channel: &ChannelSummary,
         new: &BTreeMap<SegmentKey, NewSegment>,
-        slot: &mut Slot,
+        cache: &mut ChannelCache,
     ) -> Result<Fold, ServiceError> {
-        let timeline = self.folding.timeline(asset, Some(channel), slot).await?;
-        let points = match slot.points.take() {
+        let timeline = self.folding.timeline(asset, Some(channel), cache).await?;
+        let points = match cache.points.take() {
             Some(points) => points,
             None => self.folding.recent_points(estimator, channel, &timeline).await?,
         };
-        let points = slot.points.insert(points);
+        let points = cache.points.insert(points);
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
             return Ok(Fold::Deferred { results: Vec::new() });
         };
@@ -183,7 +183,7 @@ impl Appended<'_> {
             return Ok(Vec::new());
         };
         let is_append = folded.results.len() == self.new.len();
-        let has_alarms = self.slot.timeline.as_ref().is_none_or(|known| known.has_alarms);
+        let has_alarms = self.cache.timeline.as_ref().is_none_or(|known| known.has_alarms);
         // If records were only appended and changed no alarm, the stored alarms are still right.
         if folded.alarms.is_empty() && (is_append || !has_alarms) {
             return Ok(Vec::new());
@@ -191,7 +191,7 @@ impl Appended<'_> {
         let notices =
             transaction.set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now).await?;
         if !has_alarms {
-            self.slot.timeline = None;
+            self.cache.timeline = None;
         }
         Ok(notices)
     }
@@ -200,14 +200,14 @@ impl Appended<'_> {
 impl History {
     /// Updates the state of a channel in memory after the commit, and returns the stored segments.
     pub(crate) fn committed(&self, appended: Appended<'_>) -> Committed {
-        let Appended { asset, channel, mut new, mut slot, fold, .. } = appended;
-        slot.set_revisions(Revisions::of(asset, Some(&channel)));
+        let Appended { asset, channel, mut new, mut cache, fold, .. } = appended;
+        cache.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
             Fold::Complete { after, folded, estimator } => {
                 // Nothing else notices that the library of a new channel became ready in the meantime.
                 let now = || self.simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
-                let points = slot.points.get_or_insert_default();
+                let points = cache.points.get_or_insert_default();
                 points.replace(after, folded.points);
                 if self.channels.are_many() {
                     points.keep_newest();

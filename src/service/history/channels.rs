@@ -32,7 +32,7 @@ impl Revisions {
 
 /// The cached data of a channel.
 #[derive(Debug, Default)]
-pub(crate) struct Slot {
+pub(crate) struct ChannelCache {
     /// The latest states of the fold; `None` until they are needed.
     pub(crate) points: Option<RecentPoints>,
     /// The timeline; `None` until it is needed, or if it is outdated.
@@ -41,17 +41,17 @@ pub(crate) struct Slot {
     revisions: Option<Revisions>,
 }
 
-/// A slot behind the channel's lock.
-type LockedSlot = Arc<tokio::sync::Mutex<Slot>>;
+/// A cache behind the channel's lock.
+type LockedCache = Arc<tokio::sync::Mutex<ChannelCache>>;
 
-/// The slots of all channels in use.
+/// The caches of all channels in use.
 #[derive(Debug, Default)]
 pub(crate) struct Channels {
-    slots: Mutex<HashMap<(AssetId, String), LockedSlot>>,
+    caches: Mutex<HashMap<(AssetId, String), LockedCache>>,
 }
 
-impl Slot {
-    /// Clears the slot unless it was read at these revisions: another process may have changed the channel.
+impl ChannelCache {
+    /// Clears the cache unless it was read at these revisions: another process may have changed the channel.
     pub(crate) fn validate(&mut self, revisions: Revisions) {
         if self.revisions != Some(revisions) {
             *self = Self { revisions: Some(revisions), ..Self::default() };
@@ -63,30 +63,30 @@ impl Slot {
         self.revisions = Some(revisions);
     }
 
-    /// Clears the slot.
+    /// Clears the cache.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }
 }
 
 impl Channels {
-    /// The slot of a channel; it is not dropped while it is in use.
-    pub(crate) fn slot(&self, asset: &AssetId, channel: &str) -> LockedSlot {
-        let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
-        if slots.len() >= MAX_CACHED {
-            slots.retain(|_, slot| Arc::strong_count(slot) > 1);
+    /// The cache of a channel; it is not dropped while it is in use.
+    pub(crate) fn cache(&self, asset: &AssetId, channel: &str) -> LockedCache {
+        let mut caches = self.caches.lock().unwrap_or_else(PoisonError::into_inner);
+        if caches.len() >= MAX_CACHED {
+            caches.retain(|_, cache| Arc::strong_count(cache) > 1);
         }
-        Arc::clone(slots.entry((asset.clone(), channel.to_string())).or_default())
+        Arc::clone(caches.entry((asset.clone(), channel.to_string())).or_default())
     }
 
     /// Whether there are so many channels that each keeps its newest state only.
     pub(crate) fn are_many(&self) -> bool {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner).len() > MAX_WITH_RECENT
+        self.caches.lock().unwrap_or_else(PoisonError::into_inner).len() > MAX_WITH_RECENT
     }
 
-    /// Drops the slots of a deleted asset.
+    /// Drops the caches of a deleted asset.
     pub(crate) fn forget(&self, asset: &AssetId) {
-        let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
-        slots.retain(|(of, _), _| of != asset);
+        let mut caches = self.caches.lock().unwrap_or_else(PoisonError::into_inner);
+        caches.retain(|(of, _), _| of != asset);
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::channels::{Revisions, Slot};
+use super::channels::{ChannelCache, Revisions};
 use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, folding, read_point};
 use super::timeline::Timeline;
 use crate::service::error::ServiceError;
@@ -79,16 +79,16 @@ impl Folding {
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 
-    /// The timeline of a channel, which is `None` before its first record; cached in the slot, whose lock the
+    /// The timeline of a channel, which is `None` before its first record; cached in the cache, whose lock the
     /// caller holds.
     pub(crate) async fn timeline(
         &self,
         asset: &Asset,
         channel: Option<&ChannelSummary>,
-        slot: &mut Slot,
+        cache: &mut ChannelCache,
     ) -> Result<Arc<Timeline>, ServiceError> {
-        slot.validate(Revisions::of(asset, channel));
-        if let Some(known) = &slot.timeline {
+        cache.validate(Revisions::of(asset, channel));
+        if let Some(known) = &cache.timeline {
             return Ok(Arc::clone(known));
         }
         let events = self.store.maintenance(&asset.spec.id).await?;
@@ -97,7 +97,7 @@ impl Folding {
             None => (Vec::new(), false),
         };
         let timeline = Arc::new(Timeline::new(events, actions, has_alarms));
-        slot.timeline = Some(Arc::clone(&timeline));
+        cache.timeline = Some(Arc::clone(&timeline));
         Ok(timeline)
     }
 }

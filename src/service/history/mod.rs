@@ -28,7 +28,7 @@ use super::workers::{Workers, detached};
 use crate::asset::AssetId;
 use crate::store::Store;
 pub(crate) use append::{Appended, Committed};
-pub(crate) use channels::Slot;
+pub(crate) use channels::ChannelCache;
 use folding::Folding;
 use progress::Progress;
 use recompute::{Recomputer, UpdateOutcome};
@@ -78,8 +78,8 @@ impl History {
     }
 
     /// Locks a channel for changes.
-    pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
-        self.channels.slot(asset, channel).lock_owned().await
+    pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<ChannelCache> {
+        self.channels.cache(asset, channel).lock_owned().await
     }
 
     /// Number of states of channels read from the store to append records to them.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use futures_util::{StreamExt, stream};
 
-use super::channels::{Channels, Slot};
+use super::channels::{ChannelCache, Channels};
 use super::fold::{AlarmRun, FoldInput, FoldPoint, folding, read_point, states_of};
 use super::folding::Folding;
 use super::progress::Progress;
@@ -207,7 +207,7 @@ impl Recomputer {
         let (asset, name) = (&channel.asset_id, channel.channel.as_str());
         self.progress.begin(channel, self.clock.now());
         let store = &self.store;
-        let slot = self.channels.slot(asset, name);
+        let cache = self.channels.cache(asset, name);
         let is_analysed = channel.keys.analysed == wanted.analysed;
         let analyses = if is_analysed {
             channel.served_analyses()
@@ -226,7 +226,7 @@ impl Recomputer {
         {}
         // Under the lock this process adds no records, and few have arrived since. Those that another process
         // adds are folded in another round.
-        let mut slot = slot.lock().await;
+        let mut cache = cache.lock().await;
         let mut rounds = 0;
         let (notices, now) = loop {
             let current_asset = described(&self.store, asset).await?;
@@ -258,8 +258,8 @@ impl Recomputer {
                 served => break (served?, now),
             }
         };
-        slot.clear();
-        drop(slot);
+        cache.clear();
+        drop(cache);
         self.events.announce_alarms(notices);
         tracing::info!(%asset, channel = name, records = channel.segments, "recomputed a history");
         self.progress.update(asset, name, |shown| {
@@ -270,13 +270,13 @@ impl Recomputer {
         Ok(())
     }
 
-    /// The current timeline of a channel, read from the store instead of from the slot.
+    /// The current timeline of a channel, read from the store instead of from the cache.
     async fn timeline_now(
         &self,
         asset: &Asset,
         channel: &ChannelSummary,
     ) -> Result<Arc<Timeline>, ServiceError> {
-        self.folding.timeline(asset, Some(channel), &mut Slot::default()).await
+        self.folding.timeline(asset, Some(channel), &mut ChannelCache::default()).await
     }
 
     /// Analyses the records that have no analysis in a generation yet.
