@@ -51,7 +51,7 @@ pub use coordination::queue_partitions::{PartitionOwners, WORKER_LEASE};
 pub use database::integrity::FoundDamage;
 pub use error::StoreError;
 pub use history::channel_rows::ChannelRows;
-pub use history::fold_states::{FoldState, RECORDS_PER_STATE, is_stored};
+pub use history::fold_states::{RECORDS_PER_STATE, StoredFoldState, is_stored};
 pub use history::generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
 pub use history::trend::{Trend, WearPoint};
 pub use maintenance::StoredEvent;

@@ -8,7 +8,7 @@ use tokio::sync::OwnedMutexGuard;
 
 use super::History;
 use super::channels::{ChannelCache, Revisions};
-use super::fold::{FoldInput, Folded, states_of, while_recomputing};
+use super::fold::{FoldInput, Folded, states_to_store, while_recomputing};
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
@@ -101,20 +101,20 @@ impl History {
         cache: &mut ChannelCache,
     ) -> Result<Fold, ServiceError> {
         let timeline = self.folding.timeline(asset, Some(channel), cache).await?;
-        let points = match cache.points.take() {
-            Some(points) => points,
-            None => self.folding.recent_points(estimator, channel, &timeline).await?,
+        let states = match cache.states.take() {
+            Some(states) => states,
+            None => self.folding.recent_states(estimator, channel, &timeline).await?,
         };
-        let points = cache.points.insert(points);
+        let states = cache.states.insert(states);
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
             return Ok(Fold::Deferred { results: Vec::new() });
         };
-        let newest = points.newest().cloned();
-        let from = match points.before(first) {
-            Some(point) => Some(point.clone()),
-            None => self.folding.point_before(channel, first).await?,
+        let newest = states.newest().cloned();
+        let from = match states.before(first) {
+            Some(state) => Some(state.clone()),
+            None => self.folding.state_before(channel, first).await?,
         };
-        let after = from.as_ref().map_or(0, |point| point.position);
+        let after = from.as_ref().map_or(0, |state| state.position);
         let stored_after =
             newest.as_ref().map_or(channel.segments, |newest| newest.position.saturating_sub(after));
         let mut inputs = inputs_of(new);
@@ -126,11 +126,11 @@ impl History {
         }
         let fold_all = stored_after <= u64::from(FOLDED_AT_ONCE) && newest.is_some();
         // All stored records after the state, or only those before the last new one.
-        let state = from.as_ref().map(|point| &point.last);
+        let last_folded = from.as_ref().map(|state| &state.last);
         let mut stored = self
             .folding
             .store
-            .features(channel, channel.served_analyses(), state, FOLDED_AT_ONCE + 1)
+            .features(channel, channel.served_analyses(), last_folded, FOLDED_AT_ONCE + 1)
             .await?;
         stored.retain(|stored| fold_all || stored.key < *last);
         if stored.len() > FOLDED_AT_ONCE as usize {
@@ -156,7 +156,7 @@ impl Appended<'_> {
         self.channel.keys = self.keys.clone();
         let (wears, states, is_rewritten) = match &self.fold {
             Fold::Complete { after, folded, .. } => {
-                let states = Some((*after, states_of(&folded.points)?));
+                let states = Some((*after, states_to_store(&folded.states)?));
                 (&folded.results, states, folded.results.len() != self.new.len())
             }
             Fold::Deferred { results } => {
@@ -207,10 +207,10 @@ impl History {
                 // Nothing else notices that the library of a new channel became ready in the meantime.
                 let now = || self.simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
-                let points = cache.points.get_or_insert_default();
-                points.replace(after, folded.points);
+                let states = cache.states.get_or_insert_default();
+                states.replace(after, folded.states);
                 if self.channels.are_many() {
-                    points.keep_newest();
+                    states.keep_newest();
                 }
                 (folded.results, is_outdated)
             }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::fold::RecentPoints;
+use super::fold::RecentStates;
 use super::timeline::Timeline;
 use crate::asset::AssetId;
 use crate::store::{Asset, ChannelSummary};
@@ -34,7 +34,7 @@ impl Revisions {
 #[derive(Debug, Default)]
 pub(crate) struct ChannelCache {
     /// The latest states of the fold; `None` until they are needed.
-    pub(crate) points: Option<RecentPoints>,
+    pub(crate) states: Option<RecentStates>,
     /// The timeline; `None` until it is needed, or if it is outdated.
     pub(crate) timeline: Option<Arc<Timeline>>,
     /// The revisions at which both were read.

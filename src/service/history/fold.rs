@@ -13,8 +13,8 @@ use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::signal::{Features, Indicators};
 use crate::store::{
-    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RECORDS_PER_STATE, RunResult, SegmentKey,
-    StoreError, StoredFeatures, is_stored,
+    ChannelSummary, FoldedAlarms, PlacedChange, RECORDS_PER_STATE, RunResult, SegmentKey, StoreError,
+    StoredFeatures, StoredFoldState, is_stored,
 };
 
 /// Records whose states are held in memory: records of parallel connections arrive nearly in order. A state to
@@ -39,7 +39,7 @@ pub(crate) struct FoldInput {
 
 /// The state after one of a channel's records.
 #[derive(Debug, Clone)]
-pub(crate) struct FoldPoint {
+pub(crate) struct FoldState {
     pub(crate) last: SegmentKey,
     /// Number of records folded.
     pub(crate) position: u64,
@@ -48,8 +48,8 @@ pub(crate) struct FoldPoint {
 
 /// The latest states of a channel in memory, the newest last.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct RecentPoints {
-    points: VecDeque<FoldPoint>,
+pub(crate) struct RecentStates {
+    states: VecDeque<FoldState>,
 }
 
 /// The result of folding some records.
@@ -58,7 +58,7 @@ pub(crate) struct Folded {
     /// One result for each record.
     pub(crate) results: Vec<(SegmentKey, RunResult)>,
     /// States to be stored, the newest last.
-    pub(crate) points: Vec<FoldPoint>,
+    pub(crate) states: Vec<FoldState>,
     /// The changes of the alarms.
     pub(crate) alarms: AlarmRun,
 }
@@ -128,51 +128,51 @@ impl FoldInput {
     }
 }
 
-impl FoldPoint {
+impl FoldState {
     /// Decodes a stored state.
-    pub(crate) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
+    pub(crate) fn from_stored(stored: StoredFoldState) -> Result<Self, serde_json::Error> {
         Ok(Self { state: serde_json::from_str(&stored.state)?, last: stored.last, position: stored.position })
     }
 
     /// Encodes the state for the store.
-    pub(crate) fn to_stored(&self) -> Result<FoldState, ServiceError> {
+    pub(crate) fn to_stored(&self) -> Result<StoredFoldState, ServiceError> {
         let state =
             serde_json::to_string(&self.state).map_err(StoreError::damaged("state", &self.last.id))?;
-        Ok(FoldState { last: self.last.clone(), position: self.position, state })
+        Ok(StoredFoldState { last: self.last.clone(), position: self.position, state })
     }
 }
 
-impl RecentPoints {
+impl RecentStates {
     /// Creates a list of the newest state only.
-    pub(crate) fn new(newest: Option<FoldPoint>) -> Self {
-        Self { points: newest.into_iter().collect() }
+    pub(crate) fn new(newest: Option<FoldState>) -> Self {
+        Self { states: newest.into_iter().collect() }
     }
 
     /// The state after the latest record.
-    pub(crate) fn newest(&self) -> Option<&FoldPoint> {
-        self.points.back()
+    pub(crate) fn newest(&self) -> Option<&FoldState> {
+        self.states.back()
     }
 
     /// The latest state that includes neither `key` nor any later record.
-    pub(crate) fn before(&self, key: &SegmentKey) -> Option<&FoldPoint> {
-        self.points.iter().rev().find(|point| point.last < *key)
+    pub(crate) fn before(&self, key: &SegmentKey) -> Option<&FoldState> {
+        self.states.iter().rev().find(|state| state.last < *key)
     }
 
     /// Drops all states but the newest.
     pub(crate) fn keep_newest(&mut self) {
-        self.points.drain(..self.points.len().saturating_sub(1));
+        self.states.drain(..self.states.len().saturating_sub(1));
     }
 
     /// Replaces the states after position `after`.
-    pub(crate) fn replace(&mut self, after: u64, points: Vec<FoldPoint>) {
-        while self.points.back().is_some_and(|point| point.position > after) {
-            self.points.pop_back();
+    pub(crate) fn replace(&mut self, after: u64, states: Vec<FoldState>) {
+        while self.states.back().is_some_and(|state| state.position > after) {
+            self.states.pop_back();
         }
-        self.points.extend(points);
-        let newest = self.points.back().map_or(0, |point| point.position);
-        self.points.retain(|point| {
-            let age = newest - point.position;
-            age < DENSE || age < RECENT && point.position.is_multiple_of(DENSE)
+        self.states.extend(states);
+        let newest = self.states.back().map_or(0, |state| state.position);
+        self.states.retain(|state| {
+            let age = newest - state.position;
+            age < DENSE || age < RECENT && state.position.is_multiple_of(DENSE)
         });
     }
 }
@@ -180,7 +180,7 @@ impl RecentPoints {
 /// Returns the folding of records as a task for a worker thread.
 pub(crate) fn folding(
     keyed: &KeyedEstimator,
-    from: Option<FoldPoint>,
+    from: Option<FoldState>,
     inputs: Vec<FoldInput>,
     timeline: &Arc<Timeline>,
 ) -> impl FnOnce() -> Folded + Send + use<> {
@@ -189,10 +189,10 @@ pub(crate) fn folding(
 }
 
 /// Selects the states to be stored.
-pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceError> {
-    let newest = points.last().map_or(0, |point| newest_stored(point.position));
-    let stored = points.iter().filter(|point| point.position <= newest && is_stored(point.position, newest));
-    stored.map(FoldPoint::to_stored).collect()
+pub(crate) fn states_to_store(states: &[FoldState]) -> Result<Vec<StoredFoldState>, ServiceError> {
+    let newest = states.last().map_or(0, |state| newest_stored(state.position));
+    let stored = states.iter().filter(|state| state.position <= newest && is_stored(state.position, newest));
+    stored.map(FoldState::to_stored).collect()
 }
 
 /// Position of the newest stored state of so many records.
@@ -203,18 +203,18 @@ fn newest_stored(records: u64) -> u64 {
 /// Folds records, in the order of time, from a state or from the start. CPU-bound: for a worker thread.
 fn fold(
     keyed: &KeyedEstimator,
-    from: Option<FoldPoint>,
+    from: Option<FoldState>,
     inputs: Vec<FoldInput>,
     timeline: &Timeline,
 ) -> Folded {
     let estimator = &keyed.estimator;
     let (mut state, mut position, mut last_time) = match from {
-        Some(point) => (point.state, point.position, Some(point.last.start_time)),
+        Some(from) => (from.state, from.position, Some(from.last.start_time)),
         None => (estimator.start(), 0, None),
     };
     let last = position + inputs.len() as u64;
     let mut results = Vec::with_capacity(inputs.len());
-    let mut points = Vec::new();
+    let mut states = Vec::new();
     let mut alarms = AlarmRun { after: 2 * position, ..AlarmRun::start(keyed) };
     for input in inputs {
         let FoldInput { key, features, indicators, .. } = input;
@@ -234,7 +234,7 @@ fn fold(
         last_time = Some(start_time);
         alarms.add(2 * position, result.changes);
         if is_stored(position, newest_stored(last)) || position + RECENT > last {
-            points.push(FoldPoint { last: key.clone(), position, state: state.clone() });
+            states.push(FoldState { last: key.clone(), position, state: state.clone() });
         }
         let result = RunResult { indicators: result.indicators, wear: result.wear };
         results.push((key, result));
@@ -244,13 +244,13 @@ fn fold(
         alarms.add(2 * position + 1, estimator.action(&mut state, action).into_iter().collect());
     }
     alarms.panel = state.into_alarms();
-    Folded { results, points, alarms }
+    Folded { results, states, alarms }
 }
 
 /// Decodes a stored state; returns `None` if it cannot be decoded, because it can be recomputed.
-pub(crate) fn read_point(channel: &ChannelSummary, stored: FoldState) -> Option<FoldPoint> {
+pub(crate) fn read_state(channel: &ChannelSummary, stored: StoredFoldState) -> Option<FoldState> {
     let position = stored.position;
-    FoldPoint::from_stored(stored)
+    FoldState::from_stored(stored)
         .inspect_err(|error| {
             tracing::warn!(asset = %channel.asset_id, channel = channel.channel, position, %error, "failed to read a stored fold state");
         })
@@ -282,16 +282,16 @@ mod tests {
     fn recent_states_are_few_and_close_to_any_late_record() {
         let settings = EstimatorSettings { baseline_records: 8, limit_um: None };
         let estimator = ChannelEstimator::without_library(settings, MissingLibrary::NoMesh, Vec::new());
-        let point = |position| FoldPoint { last: key(position), position, state: estimator.start() };
+        let state = |position| FoldState { last: key(position), position, state: estimator.start() };
         for step in [1, 3, 40] {
-            let mut recent = RecentPoints::default();
+            let mut recent = RecentStates::default();
             for first in (1..=40).step_by(step) {
                 let until = (first + step as u64 - 1).min(40);
-                recent.replace(first - 1, (first..=until).map(point).collect());
+                recent.replace(first - 1, (first..=until).map(state).collect());
             }
-            let held: Vec<u64> = recent.points.iter().map(|point| point.position).collect();
+            let held: Vec<u64> = recent.states.iter().map(|state| state.position).collect();
             assert_eq!(held, [28, 32, 36, 37, 38, 39, 40], "{step} at once");
-            let before = |second| recent.before(&key(second)).map(|point| point.position);
+            let before = |second| recent.before(&key(second)).map(|state| state.position);
             assert_eq!([40, 39, 36, 33].map(before), [Some(39), Some(38), Some(32), Some(32)]);
             assert_eq!(before(28), None);
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::channels::{ChannelCache, Revisions};
-use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, folding, read_point};
+use super::fold::{FoldInput, FoldState, Folded, RecentStates, folding, read_state};
 use super::timeline::Timeline;
 use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
@@ -30,7 +30,7 @@ impl Folding {
     pub(crate) async fn fold_with_priority(
         &self,
         keyed: &KeyedEstimator,
-        from: Option<FoldPoint>,
+        from: Option<FoldState>,
         inputs: Vec<FoldInput>,
         timeline: &Arc<Timeline>,
     ) -> Result<Folded, ServiceError> {
@@ -40,46 +40,46 @@ impl Folding {
 
     /// The states after a channel's latest records: those after the latest stored state are folded again.
     /// Empty if that state cannot be read, or if too many records follow it.
-    pub(crate) async fn recent_points(
+    pub(crate) async fn recent_states(
         &self,
         keyed: &KeyedEstimator,
         channel: &ChannelSummary,
         timeline: &Arc<Timeline>,
-    ) -> Result<RecentPoints, ServiceError> {
+    ) -> Result<RecentStates, ServiceError> {
         self.states_read.fetch_add(1, Ordering::Relaxed);
         let from = match self.store.newest_state(channel).await? {
             None => None,
-            Some(stored) => match read_point(channel, stored) {
-                None => return Ok(RecentPoints::default()),
-                Some(point) => Some(point),
+            Some(stored) => match read_state(channel, stored) {
+                None => return Ok(RecentStates::default()),
+                Some(state) => Some(state),
             },
         };
-        let after = from.as_ref().map(|point| &point.last);
+        let after = from.as_ref().map(|state| &state.last);
         let stored = self.store.features(channel, channel.served_analyses(), after, MAX_FOLDED_AGAIN).await?;
         if stored.len() as u64 >= u64::from(MAX_FOLDED_AGAIN) {
-            return Ok(RecentPoints::default());
+            return Ok(RecentStates::default());
         }
-        let mut recent = RecentPoints::new(from.clone());
+        let mut recent = RecentStates::new(from.clone());
         if !stored.is_empty() {
             let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &keyed.feature_key)).collect();
-            let after = from.as_ref().map_or(0, |point| point.position);
-            recent.replace(after, self.fold_with_priority(keyed, from, inputs, timeline).await?.points);
+            let after = from.as_ref().map_or(0, |state| state.position);
+            recent.replace(after, self.fold_with_priority(keyed, from, inputs, timeline).await?.states);
         }
         Ok(recent)
     }
 
     /// The latest stored state that includes neither `key` nor any later record.
-    pub(crate) async fn point_before(
+    pub(crate) async fn state_before(
         &self,
         channel: &ChannelSummary,
         key: &SegmentKey,
-    ) -> Result<Option<FoldPoint>, ServiceError> {
+    ) -> Result<Option<FoldState>, ServiceError> {
         self.states_read.fetch_add(1, Ordering::Relaxed);
         let stored = self.store.state_before(channel, channel.served_wear(), key).await?;
-        Ok(stored.and_then(|stored| read_point(channel, stored)))
+        Ok(stored.and_then(|stored| read_state(channel, stored)))
     }
 
-    /// The timeline of a channel, which is `None` before its first record; cached in the cache, whose lock the
+    /// The timeline of a channel, which is `None` before its first record; kept in the cache, whose lock the
     /// caller holds.
     pub(crate) async fn timeline(
         &self,

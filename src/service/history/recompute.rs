@@ -8,7 +8,7 @@ use std::time::Duration;
 use futures_util::{StreamExt, stream};
 
 use super::channels::{ChannelCache, Channels};
-use super::fold::{AlarmRun, FoldInput, FoldPoint, folding, read_point, states_of};
+use super::fold::{AlarmRun, FoldInput, FoldState, folding, read_state, states_to_store};
 use super::folding::Folding;
 use super::progress::Progress;
 use super::timeline::Timeline;
@@ -66,14 +66,14 @@ struct Generations {
 #[derive(Debug)]
 struct FoldProgress {
     /// The state after the last record folded; `None` before the first one.
-    point: Option<FoldPoint>,
+    state: Option<FoldState>,
     /// All changes of alarms so far.
     alarms: AlarmRun,
 }
 
 impl FoldProgress {
     fn start(estimator: &KeyedEstimator) -> Self {
-        Self { point: None, alarms: AlarmRun::start(estimator) }
+        Self { state: None, alarms: AlarmRun::start(estimator) }
     }
 }
 
@@ -239,14 +239,14 @@ impl Recomputer {
                 self.analyse_again(&current_asset.spec, channel, generations).await?;
             }
             let timeline = self.timeline_now(&current_asset, &current).await?;
-            let passed = |point: &Option<FoldPoint>, key: &SegmentKey| {
-                point.as_ref().is_some_and(|point| point.last >= *key)
+            let passed = |state: &Option<FoldState>, key: &SegmentKey| {
+                state.as_ref().is_some_and(|state| state.last >= *key)
             };
             if let Some(earliest) = changed_from
-                && passed(&history.point, &earliest)
+                && passed(&history.state, &earliest)
             {
                 let stored = store.state_before(channel, wear, &earliest).await?;
-                history.point = stored.and_then(|stored| read_point(channel, stored));
+                history.state = stored.and_then(|stored| read_state(channel, stored));
             }
             // Also if no record is left: operator actions after the last one.
             while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
@@ -352,21 +352,21 @@ impl Recomputer {
         history: &mut FoldProgress,
     ) -> Result<usize, ServiceError> {
         let store = &self.store;
-        let FoldProgress { point, alarms } = history;
-        let after = point.as_ref().map(|point| &point.last);
+        let FoldProgress { state, alarms } = history;
+        let after = state.as_ref().map(|state| &state.last);
         let stored = store.features(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
         let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)).collect();
-        let position = point.as_ref().map_or(0, |point| point.position);
-        let fold = folding(estimator, point.clone(), inputs, timeline);
+        let position = state.as_ref().map_or(0, |state| state.position);
+        let fold = folding(estimator, state.clone(), inputs, timeline);
         let mut folded = self.workers.run("estimate the wear", fold).await?;
         alarms.splice(folded.alarms);
         if count == 0 {
             return Ok(0);
         }
-        let states = states_of(&folded.points)?;
+        let states = states_to_store(&folded.states)?;
         store.add_wears(channel, wear, &folded.results, (position, &states)).await?;
-        *point = folded.points.pop();
+        *state = folded.states.pop();
         self.progress
             .update(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);
         Ok(count)

@@ -14,7 +14,9 @@ use crate::asset::SegmentId;
 use crate::store::database::rows::{finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
 use crate::store::layouts::Columns;
 use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
-use crate::store::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
+use crate::store::{
+    Analysed, ChannelSummary, NewSegment, RunResult, SegmentKey, StoreError, StoredFoldState,
+};
 
 /// The rows that a transaction adds to a channel, in the served generations.
 #[derive(Debug)]
@@ -27,7 +29,7 @@ pub struct ChannelRows<'a> {
     pub wears: &'a [(SegmentKey, RunResult)],
     /// A position, and the states of the fold, in ascending order, that replace all states after it; `None`
     /// if the states are unchanged.
-    pub states: Option<(u64, Vec<FoldState>)>,
+    pub states: Option<(u64, Vec<StoredFoldState>)>,
     /// Whether estimates of earlier segments changed.
     pub is_rewritten: bool,
 }

@@ -26,7 +26,7 @@ pub fn is_stored(position: u64, newest: u64) -> bool {
 
 /// The state of the fold after some of a channel's records in the order of time.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FoldState {
+pub struct StoredFoldState {
     /// The last record folded.
     pub last: SegmentKey,
     /// Number of records folded.
@@ -37,7 +37,10 @@ pub struct FoldState {
 
 impl Store {
     /// The latest stored state of a channel, in the served generation.
-    pub async fn newest_state(&self, channel: &ChannelSummary) -> Result<Option<FoldState>, StoreError> {
+    pub async fn newest_state(
+        &self,
+        channel: &ChannelSummary,
+    ) -> Result<Option<StoredFoldState>, StoreError> {
         let row = sqlx::query("SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 ORDER BY position DESC LIMIT 1")
             .bind(channel.channel_no)
             .bind(channel.wear_generation)
@@ -52,7 +55,7 @@ impl Store {
         channel: &ChannelSummary,
         generation: WearGeneration,
         key: &SegmentKey,
-    ) -> Result<Option<FoldState>, StoreError> {
+    ) -> Result<Option<StoredFoldState>, StoreError> {
         let row = sqlx::query(
             "SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 AND (start_time_ns, segment_id) < ($3, $4)
              ORDER BY position DESC LIMIT 1",
@@ -69,7 +72,7 @@ impl Store {
 
 /// A channel number, a generation, a position, and the states that replace all states after it, in ascending
 /// order.
-pub(in crate::store) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
+pub(in crate::store) type StatesAfter<'a> = (i64, i64, u64, &'a [StoredFoldState]);
 
 impl Transaction {
     /// Replaces states of the fold, at most once for each channel, and thins the older ones.
@@ -77,7 +80,7 @@ impl Transaction {
         for chunk in all.chunks(ROWS_AT_ONCE) {
             self.remove_states_after(chunk).await?;
         }
-        let new: Vec<(i64, i64, &FoldState)> = all
+        let new: Vec<(i64, i64, &StoredFoldState)> = all
             .iter()
             .flat_map(|&(channel_no, generation, _, states)| {
                 states.iter().map(move |state| (channel_no, generation, state))
@@ -145,8 +148,8 @@ fn from_count(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }
 
-fn state_of(row: &AnyRow) -> Result<FoldState, StoreError> {
-    Ok(FoldState {
+fn state_of(row: &AnyRow) -> Result<StoredFoldState, StoreError> {
+    Ok(StoredFoldState {
         last: SegmentKey {
             start_time: get_time(row, "start_time_ns")?,
             id: SegmentId(get(row, "segment_id")?),

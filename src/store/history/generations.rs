@@ -11,7 +11,7 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::fold_states::FoldState;
+use super::fold_states::StoredFoldState;
 use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
 use crate::store::database::rows::{get, get_time, lease_end, to_ns};
@@ -232,7 +232,7 @@ impl Store {
         channel: &ChannelSummary,
         generation: WearGeneration,
         wears: &[(SegmentKey, RunResult)],
-        (after, states): (u64, &[FoldState]),
+        (after, states): (u64, &[StoredFoldState]),
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let channel = transaction.leased_channel(channel, generation).await?;
