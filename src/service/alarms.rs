@@ -67,7 +67,7 @@ impl Alarms {
         let unknown = || ServiceError::AlarmUnknown(id.clone());
         // No records are committed in the meantime, so the place after the latest one is known.
         let _pause = self.committer.pause().await;
-        let slot = self.history.lock(&known.asset_id, &known.channel).await;
+        let lock = self.history.lock(&known.asset_id, &known.channel).await;
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut transaction = store.begin().await?;
         let mut channel = transaction.channel_again(&channel).await?;
@@ -95,7 +95,7 @@ impl Alarms {
         let place = first_key_after(taken.after);
         transaction.act(&mut channel, place, &stored, &taken, &change).await?;
         transaction.commit().await?;
-        drop(slot);
+        drop(lock);
         let alarm = stored.clone();
         self.events.announce_alarms(vec![AlarmNotice { alarm, change }]);
         Ok(stored)

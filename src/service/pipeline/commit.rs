@@ -194,9 +194,9 @@ impl Committer {
             }
         }
         let names: Vec<(&AssetId, &str)> = by_channel.keys().copied().collect();
-        let mut slots = Vec::with_capacity(names.len());
+        let mut caches = Vec::with_capacity(names.len());
         for (asset, channel) in &names {
-            slots.push(self.history.lock(asset, channel).await);
+            caches.push(self.history.lock(asset, channel).await);
         }
         let mut transaction = self.store.begin().await?;
         // Locked in the order of their names; no other process changes them from here on.
@@ -208,8 +208,8 @@ impl Committer {
         done.extend(repeats.into_iter().map(|segment| (segment.id.clone(), (segment, true))));
         let mut new_by_channel = Vec::with_capacity(names.len());
         let mut estimators: HashMap<&AssetId, KeyedEstimator> = HashMap::new();
-        for (((asset, _), mut new), (channel, slot)) in
-            by_channel.into_iter().zip(channels.into_iter().zip(slots))
+        for (((asset, _), mut new), (channel, cache)) in
+            by_channel.into_iter().zip(channels.into_iter().zip(caches))
         {
             new.retain(|key, _| !done.contains_key(&key.id));
             if new.is_empty() {
@@ -218,11 +218,11 @@ impl Committer {
             if !estimators.contains_key(asset) {
                 estimators.insert(asset, self.simulations.estimator(&assets[asset].spec));
             }
-            new_by_channel.push((asset, channel, new, slot));
+            new_by_channel.push((asset, channel, new, cache));
         }
         let history = &self.history;
-        let append = new_by_channel.into_iter().map(|(asset, channel, new, slot)| {
-            history.append(&assets[asset], &estimators[asset], channel, new, slot)
+        let append = new_by_channel.into_iter().map(|(asset, channel, new, cache)| {
+            history.append(&assets[asset], &estimators[asset], channel, new, cache)
         });
         let appended = try_join_all(append).await?;
         for segment in self.write(transaction, appended).await? {
