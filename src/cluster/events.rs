@@ -31,20 +31,20 @@ const BACKLOG_TIMEOUT: Duration = Duration::from_secs(5);
 const CHECK_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Publishes this process's events until its last sender is dropped.
-pub(super) async fn publish(connection: Connection, mut announced: Receiver<LiveEvent>) {
+pub(super) async fn publish(connection: Connection, mut events: Receiver<LiveEvent>) {
     let mut waiting: VecDeque<LiveEvent> = VecDeque::new();
     let mut lost = 0;
     let mut is_over = false;
     while !(is_over && waiting.is_empty()) {
         if waiting.is_empty() {
-            match announced.recv().await {
+            match events.recv().await {
                 Ok(event) => waiting.push_back(event),
                 Err(RecvError::Lagged(count)) => waiting.push_back(LiveEvent::Lost(count)),
                 Err(RecvError::Closed) => is_over = true,
             }
         }
         // Adds the events that arrived meanwhile.
-        collect(&mut announced, &mut waiting);
+        collect(&mut events, &mut waiting);
         while waiting.len() > MAX_WAITING {
             lost += match waiting.pop_front() {
                 Some(LiveEvent::Lost(count)) => count,
@@ -64,10 +64,10 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
     }
 }
 
-/// Takes the events announced so far, and the number of those lost in between.
-fn collect(announced: &mut Receiver<LiveEvent>, waiting: &mut VecDeque<LiveEvent>) {
+/// Takes the events sent so far, and the number of those lost in between.
+fn collect(events: &mut Receiver<LiveEvent>, waiting: &mut VecDeque<LiveEvent>) {
     loop {
-        match announced.try_recv() {
+        match events.try_recv() {
             Ok(event) => waiting.push_back(event),
             Err(TryRecvError::Lagged(count)) => waiting.push_back(LiveEvent::Lost(count)),
             Err(TryRecvError::Empty | TryRecvError::Closed) => return,
@@ -127,7 +127,7 @@ async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> 
         .map_err(|error| ClusterError::jetstream("read the state of the events")(error.into()))?;
     let (last, stored) = (info.state.last_sequence, info.state.messages);
     let run = run_of(&stream);
-    let mut messages = follow(&stream, 0).await?;
+    let mut messages = consume(&stream, 0).await?;
     let mut backlog = Vec::new();
     while stored > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
         match messages.next().await {
@@ -157,7 +157,7 @@ async fn forward(
                 if found != run {
                     (run, after) = (found, 0);
                 }
-                follow(&stream, after).await
+                consume(&stream, after).await
             };
             match subscribed.await {
                 Ok(new) => messages = Some(new),
@@ -206,7 +206,7 @@ fn run_of(stream: &Stream) -> Arc<str> {
     format!("{:x}", stream.cached_info().created.unix_timestamp_nanos()).into()
 }
 
-async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterError> {
+async fn consume(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterError> {
     let failed = ClusterError::jetstream("follow the events");
     let config = pull::OrderedConfig {
         deliver_policy: if after == 0 {
@@ -239,12 +239,12 @@ mod tests {
 
     #[test]
     fn events_lost_before_they_were_taken_are_counted() {
-        let (sender, mut announced) = tokio::sync::broadcast::channel(2);
+        let (sender, mut events) = tokio::sync::broadcast::channel(2);
         for _ in 0..5 {
             sender.send(LiveEvent::AssetChanged(AssetId::new("pump").unwrap())).unwrap();
         }
         let mut waiting = VecDeque::new();
-        collect(&mut announced, &mut waiting);
+        collect(&mut events, &mut waiting);
         assert_eq!(waiting.len(), 3);
         assert!(matches!(waiting[0], LiveEvent::Lost(3)), "{:?}", waiting[0]);
     }

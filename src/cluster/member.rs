@@ -83,7 +83,7 @@ impl Cluster {
 
     /// Publishes a process's events to all nodes, until the process ends.
     pub fn publish_events(&self, service: &Service) -> JoinHandle<()> {
-        tokio::spawn(events::publish(self.connection.clone(), service.events.follow()))
+        tokio::spawn(events::publish(self.connection.clone(), service.events.subscribe()))
     }
 
     /// Subscribes to the events of all processes.

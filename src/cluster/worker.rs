@@ -77,7 +77,7 @@ impl Worker {
             tracing::warn!(%error, "failed to resume; retrying");
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
-        let changes = tokio::spawn(self.clone().follow_changes());
+        let changes = tokio::spawn(self.clone().watch_changes());
         let (owns, owned) = watch::channel(BTreeSet::new());
         let responder = tokio::spawn(self.respond(owned.clone()));
         let ownership = Ownership {
@@ -131,7 +131,7 @@ impl Worker {
         })
     }
 
-    /// Waits for a slot, then processes a record while holding it; announces when that begins. A record that
+    /// Waits for a slot, then processes a record while holding it; signals when that begins. A record that
     /// waits when the worker stops returns to the queue.
     pub(super) async fn process_in_slot(
         self,
@@ -293,7 +293,7 @@ impl Worker {
     }
 
     /// Refreshes assets when they change. Missed notifications are made up for by the periodic upkeep.
-    async fn follow_changes(self) {
+    async fn watch_changes(self) {
         loop {
             match self.connection.client.subscribe(self.connection.changes_subject()).await {
                 Err(error) => tracing::warn!(%error, "failed to subscribe to changes; retrying"),

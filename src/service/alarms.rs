@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::background::every;
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::Announcer;
+use super::events::EventSender;
 use super::history::History;
 use super::pipeline::Committer;
 use crate::asset::SegmentId;
@@ -38,7 +38,7 @@ pub struct Alarms {
     pub(crate) history: Arc<History>,
     pub(crate) committer: Arc<Committer>,
     pub(crate) clock: Arc<dyn Clock>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
 }
 
 impl Alarms {
@@ -97,7 +97,7 @@ impl Alarms {
         transaction.commit().await?;
         drop(lock);
         let alarm = stored.clone();
-        self.events.announce_alarms(vec![AlarmNotice { alarm, change }]);
+        self.events.send_alarms(vec![AlarmNotice { alarm, change }]);
         Ok(stored)
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::backfill::Backfill;
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::{Announcer, LiveEvent};
+use super::events::{EventSender, LiveEvent};
 use super::history::History;
 use super::precondition::Precondition;
 use super::raw::RawObjects;
@@ -54,7 +54,7 @@ pub struct Assets {
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) streams: Arc<Streams>,
     pub(crate) clock: Arc<dyn Clock>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
     pub(crate) role: Role,
     /// Held while a description is changed, because assets of one sensor depend on each other.
     pub(crate) describing: tokio::sync::Mutex<()>,
@@ -81,7 +81,7 @@ impl Assets {
         if let Role::ApiNode(queue) = &self.role {
             queue.notify_changed(&spec.id);
         }
-        self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
+        self.events.send(LiveEvent::AssetChanged(spec.id.clone()));
         if spec.sensor.of.is_some() {
             self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
             self.backfill.in_background(vec![spec.id.clone()]);
@@ -118,7 +118,7 @@ impl Assets {
         };
         self.raw.note_changed_asset(&spec.id).await;
         self.simulations.describe(spec);
-        self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
+        self.events.send(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
         self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
         if spec.sensor.of.is_some() {
@@ -167,7 +167,7 @@ impl Assets {
         self.history.recompute_in_background(beside);
         self.history.forget(id);
         self.simulations.release(id);
-        self.events.announce(LiveEvent::AssetRemoved(id.clone()));
+        self.events.send(LiveEvent::AssetRemoved(id.clone()));
         if let Some(queue) = self.role.queue() {
             queue.notify_changed(id);
         }

@@ -25,9 +25,9 @@ pub enum LiveEvent {
     /// An asset was deleted.
     AssetRemoved(AssetId),
     /// The indicators of a newly stored record.
-    Indicators(SegmentPlace, Indicators),
+    Indicators(SegmentRef, Indicators),
     /// The wear estimate of a newly stored record, without its posterior.
-    Wear(SegmentPlace, Box<WearEstimate>),
+    Wear(SegmentRef, Box<WearEstimate>),
     /// The estimates of a channel were recomputed.
     HistoryFolded {
         /// The asset.
@@ -56,7 +56,7 @@ pub enum LiveEvent {
 
 /// The record that an event is about.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SegmentPlace {
+pub struct SegmentRef {
     /// The asset.
     pub asset_id: AssetId,
     /// The channel.
@@ -94,7 +94,7 @@ impl LiveEvent {
     pub fn asset(&self) -> Option<&AssetId> {
         match self {
             Self::AssetChanged(asset) | Self::AssetRemoved(asset) => Some(asset),
-            Self::Indicators(place, _) | Self::Wear(place, _) => Some(&place.asset_id),
+            Self::Indicators(segment, _) | Self::Wear(segment, _) => Some(&segment.asset_id),
             Self::HistoryFolded { asset, .. } | Self::MaintenanceChanged { asset, .. } => Some(asset),
             Self::RecomputationChanged(recomputation) => Some(&recomputation.asset),
             Self::AlarmChanged(notice) => Some(&notice.alarm.asset_id),
@@ -106,21 +106,21 @@ impl LiveEvent {
 
 /// Sends events to all subscribers; a clone is another handle.
 #[derive(Debug, Clone)]
-pub struct Announcer {
+pub struct EventSender {
     all: broadcast::Sender<LiveEvent>,
     /// Changes of alarms alone, and losses: among the events of many records they would be lost sooner.
     alarms: broadcast::Sender<LiveEvent>,
 }
 
-impl Default for Announcer {
+impl Default for EventSender {
     fn default() -> Self {
         Self { all: broadcast::channel(MAX_BEHIND).0, alarms: broadcast::channel(MAX_BEHIND).0 }
     }
 }
 
-impl Announcer {
-    /// Announces an event.
-    pub(crate) fn announce(&self, event: LiveEvent) {
+impl EventSender {
+    /// Sends an event.
+    pub(crate) fn send(&self, event: LiveEvent) {
         // An error means that there is no subscriber.
         if matches!(event, LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_)) {
             let _ = self.alarms.send(event.clone());
@@ -128,33 +128,33 @@ impl Announcer {
         let _ = self.all.send(event);
     }
 
-    /// Announces the indicators and the wear estimate of a newly stored record.
-    pub(crate) fn announce_segment(&self, segment: &Segment) {
-        let place = SegmentPlace {
+    /// Sends the indicators and the wear estimate of a newly stored record.
+    pub(crate) fn send_segment(&self, segment: &Segment) {
+        let reference = SegmentRef {
             asset_id: segment.asset_id.clone(),
             channel: segment.channel.clone(),
             segment_id: segment.id.clone(),
             start_time: segment.start_time,
         };
         let wear = WearEstimate { posterior: None, ..segment.wear.clone() };
-        self.announce(LiveEvent::Indicators(place.clone(), segment.indicators.clone()));
-        self.announce(LiveEvent::Wear(place, Box::new(wear)));
+        self.send(LiveEvent::Indicators(reference.clone(), segment.indicators.clone()));
+        self.send(LiveEvent::Wear(reference, Box::new(wear)));
     }
 
-    /// Announces changes of alarms.
-    pub(crate) fn announce_alarms(&self, notices: Vec<AlarmNotice>) {
+    /// Sends changes of alarms.
+    pub(crate) fn send_alarms(&self, notices: Vec<AlarmNotice>) {
         for notice in notices {
-            self.announce(LiveEvent::AlarmChanged(Box::new(notice)));
+            self.send(LiveEvent::AlarmChanged(Box::new(notice)));
         }
     }
 
     /// Subscribes to all events from now on.
-    pub fn follow(&self) -> broadcast::Receiver<LiveEvent> {
+    pub fn subscribe(&self) -> broadcast::Receiver<LiveEvent> {
         self.all.subscribe()
     }
 
     /// Subscribes to changes of alarms from now on, and to [losses](LiveEvent::Lost) of events.
-    pub(crate) fn follow_alarms(&self) -> broadcast::Receiver<LiveEvent> {
+    pub(crate) fn subscribe_to_alarms(&self) -> broadcast::Receiver<LiveEvent> {
         self.alarms.subscribe()
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::error::ServiceError;
-use super::events::{Announcer, LiveEvent};
+use super::events::{EventSender, LiveEvent};
 use super::history::History;
 use super::pipeline::Committer;
 use super::raw::RawObjects;
@@ -18,7 +18,7 @@ pub struct Exclusions {
     pub(crate) committer: Arc<Committer>,
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) history: Arc<History>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
 }
 
 impl Exclusions {
@@ -51,7 +51,7 @@ impl Exclusions {
                 tracing::info!(%asset, is_excluded, count, "changed the exclusion of records");
             }
             if count > 0 || marked.is_err() {
-                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
+                self.events.send(LiveEvent::AssetChanged(asset.clone()));
             }
         }
         self.history.recompute_in_background(assets);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::error::ServiceError;
-use super::events::{Announcer, LiveEvent};
+use super::events::{EventSender, LiveEvent};
 use super::history::History;
 use super::pipeline::Committer;
 use super::raw::RawObjects;
@@ -17,7 +17,7 @@ pub struct Maintenance {
     pub(crate) history: Arc<History>,
     pub(crate) committer: Arc<Committer>,
     pub(crate) raw: Arc<RawObjects>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
 }
 
 impl Maintenance {
@@ -68,7 +68,7 @@ impl Maintenance {
         }
         transaction.commit().await?;
         self.raw.note_changed_asset(asset).await;
-        self.events.announce(LiveEvent::MaintenanceChanged {
+        self.events.send(LiveEvent::MaintenanceChanged {
             asset: asset.clone(),
             event: stored.clone(),
             is_removed,

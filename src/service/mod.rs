@@ -2,7 +2,7 @@
 //!
 //! | part | purpose |
 //! | --- | --- |
-//! | [`Pipeline`] | processes records: decode, identify, store raw, analyse, fold, commit, announce |
+//! | [`Pipeline`] | processes records: decode, identify, store raw, analyse, fold, commit, publish |
 //! | [`History`] | folds records, late ones too, into their channel's history, and recomputes histories |
 //! | [`Simulations`] | simulates the libraries, and provides the estimator of each asset |
 //! | [`Replays`] | sends recordings from a folder through the pipeline |
@@ -69,7 +69,7 @@ pub use assets::Assets;
 pub(crate) use background::while_leased;
 pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
-pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace, SharedEvents};
+pub use events::{EventSender, LiveEvent, NumberedEvent, SegmentRef, SharedEvents};
 pub use exclusion::Exclusions;
 pub use failure_cause::FailureCause;
 pub use feeds::{Feed, FeedCount, Feeds, HeldMessage};

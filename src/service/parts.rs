@@ -8,7 +8,7 @@ use super::assets::Assets;
 use super::backfill::Backfill;
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::Announcer;
+use super::events::EventSender;
 use super::exclusion::Exclusions;
 use super::feeds::Feeds;
 use super::history::History;
@@ -76,7 +76,7 @@ pub struct Service {
     /// Counts of records since the start.
     pub tally: Arc<Tally>,
     /// Live events.
-    pub events: Announcer,
+    pub events: EventSender,
     /// The role of this process.
     pub role: Role,
     clock: Arc<dyn Clock>,
@@ -102,7 +102,7 @@ impl Service {
         role: Role,
     ) -> Result<Arc<Self>, ServiceError> {
         prepare_folders(&folders)?;
-        let events = Announcer::default();
+        let events = EventSender::default();
         let tally = Arc::<Tally>::default();
         let workers = Arc::new(Workers::new(limits)?);
         let cache = Arc::new(LibraryCache::new(folders.libraries));
@@ -162,7 +162,7 @@ impl Service {
             Arc::clone(&pipeline),
             Arc::clone(&clock),
             // The workers' alarms arrive at an API node with the events of all processes.
-            if role.is_api_node() { Announcer::default() } else { events.clone() },
+            if role.is_api_node() { EventSender::default() } else { events.clone() },
             folders.streams,
         );
         Ok(Arc::new(Self {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::{Announcer, LiveEvent};
+use super::events::{EventSender, LiveEvent};
 use super::history::History;
 use super::pipeline::Committer;
 use super::raw::RawObjects;
@@ -22,7 +22,7 @@ pub struct Removals {
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) history: Arc<History>,
     pub(crate) clock: Arc<dyn Clock>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
 }
 
 impl Removals {
@@ -59,7 +59,7 @@ impl Removals {
         for asset in &assets {
             self.raw.note_changed_asset(asset).await;
             if count > 0 || removed.is_err() {
-                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
+                self.events.send(LiveEvent::AssetChanged(asset.clone()));
             }
         }
         self.history.recompute_in_background(assets);

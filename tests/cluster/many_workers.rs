@@ -129,13 +129,13 @@ fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
 
 /// Returns the announced alarm changes if every record reaches every worker concurrently.
 async fn told_of(workers: &[Arc<Service>], all: &[Sent]) -> Vec<String> {
-    let mut followers: Vec<_> = workers.iter().map(|worker| worker.events.follow()).collect();
+    let mut subscribers: Vec<_> = workers.iter().map(|worker| worker.events.subscribe()).collect();
     for sent in all {
         futures_util::future::join_all(workers.iter().map(|worker| send(worker, sent))).await;
     }
     let mut announced = Vec::new();
-    for follower in &mut followers {
-        while let Ok(announcement) = follower.try_recv() {
+    for subscriber in &mut subscribers {
+        while let Ok(announcement) = subscriber.try_recv() {
             if let LiveEvent::AlarmChanged(notice) = announcement {
                 announced.push(format!("{} {:?}", notice.alarm.id, notice.change));
             }

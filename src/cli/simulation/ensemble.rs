@@ -49,7 +49,7 @@ impl Ensembles {
         }
         let settings = self.settings.first();
         let bar = progress_bar(0, "first ensemble members");
-        let progress = |done, all| follow(&bar, done, all);
+        let progress = |done, all| update_bar(&bar, done, all);
         let first = Ensemble::build(library, &settings, &control(&progress, interrupted))?;
         bar.finish_and_clear();
         if self.is_complete(&first) && settings.members > 0 {
@@ -73,7 +73,7 @@ impl Ensembles {
         interrupted: Option<&AtomicBool>,
     ) -> Result<Ensemble, LibraryError> {
         let bar = progress_bar(0, "more ensemble members");
-        let progress = |done, all| follow(&bar, done, all);
+        let progress = |done, all| update_bar(&bar, done, all);
         let complete = first.extended(&self.settings, &control(&progress, interrupted))?;
         bar.finish_and_clear();
         self.keep(&complete);
@@ -110,7 +110,7 @@ fn control<'a>(
 }
 
 /// Sets the progress bar in pairs; `done` and `all` count groups of [`VARIANTS`] pairs simulated together.
-fn follow(bar: &ProgressBar, done: usize, all: usize) {
+fn update_bar(bar: &ProgressBar, done: usize, all: usize) {
     bar.set_length((all * VARIANTS) as u64);
     bar.set_position((done * VARIANTS) as u64);
 }

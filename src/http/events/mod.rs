@@ -28,7 +28,7 @@ use super::problem::Problem;
 use super::request::query::Parameters;
 use super::server::connections::closing;
 use crate::asset::AssetId;
-use crate::service::{LiveEvent, SegmentPlace};
+use crate::service::{LiveEvent, SegmentRef};
 use crate::store::AlarmNotice;
 use ring::{EventRing, Next, Position};
 
@@ -37,18 +37,18 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// The name of an event, and its data.
 fn name_and_data(event: &LiveEvent) -> (&'static str, Value) {
-    let of_segment = |place: &SegmentPlace, name: &str, value: Value| {
-        let mut data = json!(place);
+    let of_segment = |segment: &SegmentRef, name: &str, value: Value| {
+        let mut data = json!(segment);
         data[name] = value;
         data
     };
     match event {
         LiveEvent::AssetChanged(id) => ("asset", json!({ "asset_id": id, "change": "changed" })),
         LiveEvent::AssetRemoved(id) => ("asset", json!({ "asset_id": id, "change": "removed" })),
-        LiveEvent::Indicators(place, indicators) => {
-            ("indicators", of_segment(place, "indicators", json!(indicators.values)))
+        LiveEvent::Indicators(segment, indicators) => {
+            ("indicators", of_segment(segment, "indicators", json!(indicators.values)))
         }
-        LiveEvent::Wear(place, wear) => ("wear", of_segment(place, "wear", json!(wear))),
+        LiveEvent::Wear(segment, wear) => ("wear", of_segment(segment, "wear", json!(wear))),
         LiveEvent::HistoryFolded { asset, channel } => {
             ("history", json!({ "asset_id": asset, "channel": channel }))
         }
@@ -128,10 +128,10 @@ pub(super) async fn stream(
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
     let token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
-    let follower = Follower::new(app.events, params.asset, token, last, share);
-    let stream = unfold(follower, async |mut follower| {
-        let event = follower.next().await?;
-        Some((Ok::<_, Infallible>(event), follower))
+    let subscriber = EventSubscriber::new(app.events, params.asset, token, last, share);
+    let stream = unfold(subscriber, async |mut subscriber| {
+        let event = subscriber.next().await?;
+        Some((Ok::<_, Infallible>(event), subscriber))
     });
     Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
@@ -144,7 +144,7 @@ pub(super) fn too_many() -> Response {
 }
 
 /// A client of the event stream.
-struct Follower {
+struct EventSubscriber {
     events: Arc<EventRing>,
     asset: Option<AssetId>,
     token: TokenWatch,
@@ -154,7 +154,7 @@ struct Follower {
     _share: Share,
 }
 
-impl Follower {
+impl EventSubscriber {
     fn new(
         events: Arc<EventRing>,
         asset: Option<AssetId>,

@@ -59,8 +59,8 @@ impl Position {
 }
 
 impl EventRing {
-    /// Collects the events that the service announces; `run` must differ between runs of the service.
-    pub(crate) fn follow(mut announced: Receiver<LiveEvent>, run: String, capacity: usize) -> Arc<Self> {
+    /// Collects the events that the service sends; `run` must differ between runs of the service.
+    pub(crate) fn start(mut receiver: Receiver<LiveEvent>, run: String, capacity: usize) -> Arc<Self> {
         let events = Arc::new(Self {
             capacity: capacity.max(1),
             ahead: 0,
@@ -68,12 +68,12 @@ impl EventRing {
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
         });
-        let followed = Arc::clone(&events);
+        let ring = Arc::clone(&events);
         tokio::spawn(async move {
             loop {
-                match announced.recv().await {
-                    Ok(event) => followed.add(event),
-                    Err(RecvError::Lagged(count)) => followed.add(LiveEvent::Lost(count)),
+                match receiver.recv().await {
+                    Ok(event) => ring.add(event),
+                    Err(RecvError::Lagged(count)) => ring.add(LiveEvent::Lost(count)),
                     Err(RecvError::Closed) => break,
                 }
             }
@@ -101,12 +101,12 @@ impl EventRing {
             note(&history, &event.event);
             events.push(event);
         }
-        let followed = Arc::clone(&events);
+        let ring = Arc::clone(&events);
         tokio::spawn(async move {
             while let Some(event) = receiver.recv().await {
                 note(&history, &event.event);
-                streams.note_event(&event.event);
-                followed.push(event);
+                streams.handle_event(&event.event);
+                ring.push(event);
             }
         });
         events
@@ -214,7 +214,7 @@ mod tests {
     #[tokio::test]
     async fn the_ring_keeps_the_latest_events_and_detects_dropped_ones() {
         let (_sender, receiver) = tokio::sync::broadcast::channel(1);
-        let events = EventRing::follow(receiver, "r".into(), 3);
+        let events = EventRing::start(receiver, "r".into(), 3);
         let (a, b) = (AssetId::new("a").unwrap(), AssetId::new("b").unwrap());
         for n in 0..5 {
             events.add(LiveEvent::AssetChanged(if n % 2 == 0 { a.clone() } else { b.clone() }));
@@ -239,7 +239,7 @@ mod tests {
     #[tokio::test]
     async fn events_that_are_numbered_anew_follow_after_a_loss() {
         let (_sender, receiver) = tokio::sync::broadcast::channel(1);
-        let events = EventRing::follow(receiver, "r".into(), 3);
+        let events = EventRing::start(receiver, "r".into(), 3);
         let event = LiveEvent::AssetChanged(AssetId::new("a").unwrap());
         (0..5).for_each(|_| events.add(event.clone()));
         let mut position = events.end_position();

@@ -185,7 +185,7 @@ async fn start_as(
         }
         None => {
             let run = format!("{:x}", clock.now().as_nanosecond());
-            EventRing::follow(service.events.follow(), run, config.http.events_kept)
+            EventRing::start(service.events.subscribe(), run, config.http.events_kept)
         }
     };
     service.resume().await?;

@@ -80,7 +80,7 @@ pub(crate) async fn watch(
     };
     let viewer = app.service.streams.watch(&asset, name).await?;
     let token = TokenWatch::new(app.access, caller.map(|Extension(caller)| caller));
-    let view = View { viewer, token, over: app.service.streams.follow_end(), _share: share };
+    let view = View { viewer, token, over: app.service.streams.watch_end(), _share: share };
     let events = unfold(view, async |mut view| {
         let event = view.next().await?;
         Some((Ok::<_, Infallible>(event), view))

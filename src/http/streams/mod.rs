@@ -278,7 +278,7 @@ pub(super) async fn send(
     };
     let begin = params.first_index.or(sender.next()).unwrap_or(0);
     let mut first = begin;
-    let mut over = app.service.streams.follow_end();
+    let mut over = app.service.streams.watch_end();
     let mut token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
     let mut checked_at = Instant::now();
     loop {

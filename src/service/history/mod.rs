@@ -19,7 +19,7 @@ use tokio::sync::{OwnedMutexGuard, mpsc};
 
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::Announcer;
+use super::events::EventSender;
 use super::failure_cause::FailureCause;
 use super::recomputation::Recomputation;
 use super::simulations::Simulations;
@@ -57,7 +57,7 @@ impl History {
         workers: Arc<Workers>,
         simulations: Arc<Simulations>,
         clock: Arc<dyn Clock>,
-        events: Announcer,
+        events: EventSender,
         role: Role,
     ) -> Self {
         let channels = Arc::<channels::Channels>::default();

@@ -6,19 +6,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use jiff::Timestamp;
 
 use crate::asset::AssetId;
-use crate::service::events::{Announcer, LiveEvent};
+use crate::service::events::{EventSender, LiveEvent};
 use crate::service::recomputation::{Recomputation, RecomputationState};
 use crate::store::ChannelSummary;
 
-/// Lists and announces the progress of recomputations.
+/// Lists the progress of recomputations and sends its changes as events.
 #[derive(Debug)]
 pub(crate) struct Progress {
     shown: Mutex<BTreeMap<(AssetId, String), Arc<Recomputation>>>,
-    events: Announcer,
+    events: EventSender,
 }
 
 impl Progress {
-    pub(crate) fn new(events: Announcer) -> Self {
+    pub(crate) fn new(events: EventSender) -> Self {
         Self { shown: Mutex::default(), events }
     }
 
@@ -50,14 +50,14 @@ impl Progress {
         });
     }
 
-    /// Changes a listed recomputation and announces it.
+    /// Changes a listed recomputation and sends the event.
     pub(crate) fn update(&self, asset: &AssetId, channel: &str, change: impl FnOnce(&mut Recomputation)) {
         let mut shown = self.lock();
         if let Some(recomputation) = shown.get_mut(&(asset.clone(), channel.to_owned())) {
             change(Arc::make_mut(recomputation));
             let event = LiveEvent::RecomputationChanged(Recomputation::clone(recomputation));
             drop(shown);
-            self.events.announce(event);
+            self.events.send(event);
         }
     }
 

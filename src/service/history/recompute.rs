@@ -16,7 +16,7 @@ use crate::asset::{AssetId, AssetSpec, SegmentId};
 use crate::service::background::while_leased;
 use crate::service::clock::Clock;
 use crate::service::error::ServiceError;
-use crate::service::events::{Announcer, LiveEvent};
+use crate::service::events::{EventSender, LiveEvent};
 use crate::service::keys::analysis_keys;
 use crate::service::recomputation::RecomputationState;
 use crate::service::record::{StoredRecord, analyse, raw_bytes};
@@ -83,7 +83,7 @@ pub(crate) struct Recomputer {
     pub(crate) workers: Arc<Workers>,
     pub(crate) simulations: Arc<Simulations>,
     pub(crate) clock: Arc<dyn Clock>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
     pub(crate) channels: Arc<Channels>,
     pub(crate) folding: Folding,
     pub(crate) progress: Arc<Progress>,
@@ -260,13 +260,13 @@ impl Recomputer {
         };
         cache.clear();
         drop(cache);
-        self.events.announce_alarms(notices);
+        self.events.send_alarms(notices);
         tracing::info!(%asset, channel = name, records = channel.segments, "recomputed a history");
         self.progress.update(asset, name, |shown| {
             shown.state = RecomputationState::Finished;
             shown.finished_at = Some(now);
         });
-        self.events.announce(LiveEvent::HistoryFolded { asset: asset.clone(), channel: name.to_owned() });
+        self.events.send(LiveEvent::HistoryFolded { asset: asset.clone(), channel: name.to_owned() });
         Ok(())
     }
 

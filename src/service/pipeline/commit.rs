@@ -11,7 +11,7 @@ use tokio::sync::oneshot;
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::service::clock::Clock;
 use crate::service::error::ServiceError;
-use crate::service::events::Announcer;
+use crate::service::events::EventSender;
 use crate::service::history::{Appended, Committed, History};
 use crate::service::raw::Retention;
 use crate::service::sensor_group::among_others;
@@ -52,7 +52,7 @@ pub(crate) struct Committer {
     pub(crate) history: Arc<History>,
     pub(crate) retention: Arc<Retention>,
     pub(crate) clock: Arc<dyn Clock>,
-    pub(crate) events: Announcer,
+    pub(crate) events: EventSender,
     pub(crate) queue: CommitQueue,
 }
 
@@ -88,7 +88,7 @@ impl Committer {
         self.queue.committing.lock().await
     }
 
-    /// Folds, stores and announces segments of one asset. Returns them in the given order once everything is
+    /// Folds and stores segments of one asset, and sends their events. Returns them in the given order once everything is
     /// durable.
     pub(crate) async fn commit(
         &self,
@@ -226,7 +226,7 @@ impl Committer {
         });
         let appended = try_join_all(append).await?;
         for segment in self.write(transaction, appended).await? {
-            self.events.announce_segment(&segment);
+            self.events.send_segment(&segment);
             done.insert(segment.id.clone(), (segment, false));
         }
         // The same record twice in one batch is stored once and gets one response in each job.
@@ -273,7 +273,7 @@ impl Committer {
             stored.extend(segments);
             outdated.extend(asset);
         }
-        self.events.announce_alarms(notices);
+        self.events.send_alarms(notices);
         self.history.recompute_in_background(outdated);
         self.retention.apply_in_background();
         Ok(stored)

@@ -2,7 +2,7 @@
 //! work queue:
 //!
 //! ```text
-//! decode ─▶ identify ─▶ store raw ┬▶ fold ─▶ commit ─▶ announce
+//! decode ─▶ identify ─▶ store raw ┬▶ fold ─▶ commit ─▶ publish
 //!                       analyse ──┘
 //! ```
 //!
@@ -14,7 +14,7 @@
 //! | analyse | `record/analyse.rs` |
 //! | fold | `history/append.rs`, called by the commit under its locks |
 //! | commit | `commit.rs` |
-//! | announce | `events.rs`, called by the commit once everything is durable |
+//! | publish | `events.rs`, called by the commit once everything is durable |
 //!
 //! `read_ahead.rs` runs the readers of recordings on a thread of their own, and passes on batches of records.
 //!
@@ -36,7 +36,7 @@
 //!          History::append               folds the records into their channel
 //!          Committer::write              writes the rows and ends the transaction
 //!           History::committed           updates the channel in memory
-//!          Announcer::announce_segment   sends the event
+//!          EventSender::send_segment     sends the event
 //!     Pipeline::analyse_for_group        the same for the other assets of the sensor
 //! ```
 //!
@@ -303,7 +303,7 @@ impl Pipeline {
         Ok(Rest::Commit(Box::new(AnalysedBatch { spec, records, segments: segments?, received_at, raw })))
     }
 
-    /// Runs the last steps: the commit with its fold and announcements, or the queue. Returns the outcomes in
+    /// Runs the last steps: the commit with its fold and events, or the queue. Returns the outcomes in
     /// the order of the records, those stored before first.
     async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
         let mut accepted: Vec<Accepted> =

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
 use crate::service::error::ServiceError;
-use crate::service::events::{Announcer, LiveEvent};
+use crate::service::events::{EventSender, LiveEvent};
 use crate::service::replay::{Replay, ReplayState};
 use crate::store::Store;
 
@@ -16,7 +16,7 @@ const MAX_REMEMBERED: usize = 1000;
 /// The list of replays.
 pub(crate) struct ReplayList {
     store: Store,
-    events: Announcer,
+    events: EventSender,
     entries: Mutex<Entries>,
 }
 
@@ -27,7 +27,7 @@ struct Entries {
 }
 
 impl ReplayList {
-    pub(crate) fn new(store: Store, events: Announcer) -> Self {
+    pub(crate) fn new(store: Store, events: EventSender) -> Self {
         Self { store, events, entries: Mutex::default() }
     }
 
@@ -94,10 +94,10 @@ impl ReplayList {
         }
     }
 
-    /// Updates and announces a replay.
-    pub(crate) fn announce(&self, number: u64, replay: &Replay) {
+    /// Updates a replay and sends the event.
+    pub(crate) fn publish(&self, number: u64, replay: &Replay) {
         self.update(number, replay);
-        self.events.announce(LiveEvent::ReplayChanged(Box::new(replay.clone())));
+        self.events.send(LiveEvent::ReplayChanged(Box::new(replay.clone())));
     }
 
     /// Saves a replay in the store, so that the next start can resume it.

@@ -13,7 +13,7 @@ use tokio::sync::{OwnedSemaphorePermit, watch};
 
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::Announcer;
+use super::events::EventSender;
 use super::pipeline::{Pipeline, RecordStream};
 use super::record::{ChannelUnits, defaults_of};
 use super::replay::{Replay, ReplayRequest, ReplayState};
@@ -47,7 +47,7 @@ impl Replays {
         workers: Arc<Workers>,
         pipeline: Arc<Pipeline>,
         clock: Arc<dyn Clock>,
-        events: Announcer,
+        events: EventSender,
         role: Role,
         folder: PathBuf,
     ) -> Self {

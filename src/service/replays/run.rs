@@ -63,7 +63,7 @@ impl Run {
                 }
                 self.pipeline.finish_batch(before.take().map(|batch| *batch), &mut summary).await?;
                 note(&mut replay, &summary, seconds_before, began.elapsed());
-                self.list.announce(self.number, &replay);
+                self.list.publish(self.number, &replay);
                 if saved.elapsed() > SAVED_EVERY {
                     saved = tokio::time::Instant::now();
                     self.list.save(self.number, &replay).await;
@@ -104,7 +104,7 @@ impl Run {
         replay.finished_at = Some(self.clock.now());
         note(&mut replay, &summary, seconds_before, began.elapsed());
         self.list.save(self.number, &replay).await;
-        self.list.announce(self.number, &replay);
+        self.list.publish(self.number, &replay);
     }
 }
 

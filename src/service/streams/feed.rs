@@ -164,7 +164,7 @@ impl FrameProducer {
     }
 
     async fn run(mut self) {
-        let (mut over, mut next) = (self.streams.follow_end(), self.stream.follow_next());
+        let (mut over, mut next) = (self.streams.watch_end(), self.stream.watch_next());
         let mut ticks = tokio::time::interval(INTERVAL);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {

@@ -67,7 +67,7 @@ impl LiveStream {
     }
 
     /// Follows the number of the sending connection.
-    pub(super) fn follow_owner(&self) -> watch::Receiver<u64> {
+    pub(super) fn watch_owner(&self) -> watch::Receiver<u64> {
         self.owner.subscribe()
     }
 
@@ -76,12 +76,12 @@ impl LiveStream {
         *self.owner.borrow() == owner
     }
 
-    pub(super) fn follow_pending(&self) -> watch::Receiver<usize> {
+    pub(super) fn watch_pending(&self) -> watch::Receiver<usize> {
         self.pending.subscribe()
     }
 
     /// Follows the index after the last sample.
-    pub(super) fn follow_next(&self) -> watch::Receiver<Option<u64>> {
+    pub(super) fn watch_next(&self) -> watch::Receiver<Option<u64>> {
         self.next.subscribe()
     }
 

@@ -36,7 +36,7 @@ use tokio::sync::{Semaphore, watch};
 
 use super::clock::Clock;
 use super::error::ServiceError;
-use super::events::Announcer;
+use super::events::EventSender;
 use super::pipeline::Pipeline;
 use super::record::ChannelUnits;
 use super::sensor_group::SensorGroup;
@@ -71,7 +71,7 @@ pub struct Streams {
     clock: Arc<dyn Clock>,
     places: StreamPlaces,
     /// Alarms.
-    events: Announcer,
+    events: EventSender,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
     /// Records that may be in memory at once, from the journal to the commit: as many as keep the worker
     /// threads busy. The records of streams that began together are all complete at the same time.
@@ -85,7 +85,7 @@ impl Streams {
         workers: Arc<Workers>,
         pipeline: Arc<Pipeline>,
         clock: Arc<dyn Clock>,
-        events: Announcer,
+        events: EventSender,
         folder: PathBuf,
     ) -> Arc<Self> {
         let places = if store.is_shared() {
@@ -156,7 +156,7 @@ impl Streams {
         })
         .await??;
         self.cut_in_background(&stream);
-        let pending = stream.follow_pending();
+        let pending = stream.watch_pending();
         let streams = Arc::clone(self);
         Ok(StreamSender {
             streams,
@@ -314,14 +314,14 @@ impl Streams {
     }
 
     /// Becomes true when the service ends.
-    pub fn follow_end(&self) -> watch::Receiver<bool> {
+    pub fn watch_end(&self) -> watch::Receiver<bool> {
         self.is_over.subscribe()
     }
 
     /// Resumes the streams that the previous process left; on a shared store, also those that other processes
     /// leave from now on.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
-        self.follow_alarms_in_background();
+        self.watch_alarms_in_background();
         let StreamPlaces::Folder { folder, .. } = &self.places else {
             self.take_over_in_background();
             return Ok(());

@@ -53,17 +53,17 @@ impl RaisedSeverities {
 
 impl Streams {
     /// Notes an event that arrived from another process of a cluster.
-    pub(crate) fn note_event(&self, event: &LiveEvent) {
+    pub(crate) fn handle_event(&self, event: &LiveEvent) {
         match event {
-            LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_) => self.events.announce(event.clone()),
+            LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_) => self.events.send(event.clone()),
             LiveEvent::AssetRemoved(asset) => self.forget(asset),
             _ => {}
         }
     }
 
     /// Follows alarms in the background for as long as the service exists.
-    pub(super) fn follow_alarms_in_background(self: &Arc<Self>) {
-        let (mut events, mut over) = (self.events.follow_alarms(), self.follow_end());
+    pub(super) fn watch_alarms_in_background(self: &Arc<Self>) {
+        let (mut events, mut over) = (self.events.subscribe_to_alarms(), self.watch_end());
         let streams = Arc::downgrade(self);
         tokio::spawn(async move {
             let mut raised = RaisedSeverities::default();
@@ -149,7 +149,7 @@ mod tests {
 
     use super::*;
     use crate::estimate::{Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings};
-    use crate::service::events::Announcer;
+    use crate::service::events::EventSender;
 
     /// The notices of an alarm with these readings, one a second.
     fn notices(readings: &[f64]) -> Vec<AlarmNotice> {
@@ -211,12 +211,12 @@ mod tests {
 
     #[test]
     fn events_of_records_do_not_displace_alarms() {
-        let announcer = Announcer::default();
-        let mut alarms = announcer.follow_alarms();
+        let sender = EventSender::default();
+        let mut alarms = sender.subscribe_to_alarms();
         let notices = notices(&[1.5]);
-        announcer.announce_alarms(notices.clone());
+        sender.send_alarms(notices.clone());
         for _ in 0..5000 {
-            announcer.announce(LiveEvent::AssetChanged(AssetId::new("pump").unwrap()));
+            sender.send(LiveEvent::AssetChanged(AssetId::new("pump").unwrap()));
         }
         assert_eq!(alarms.try_recv(), Ok(LiveEvent::AlarmChanged(Box::new(notices[0].clone()))));
         assert!(alarms.try_recv().is_err());

@@ -92,7 +92,7 @@ impl StreamSender {
             beginning.assembler().push(first.clone())?;
         }
         self.check_start(&chunks)?;
-        let (mut owner, mut over) = (self.stream.follow_owner(), self.streams.follow_end());
+        let (mut owner, mut over) = (self.stream.watch_owner(), self.streams.watch_end());
         let mine = self.owner;
         tokio::select! {
             // It also ends with the service.
@@ -139,7 +139,7 @@ impl StreamSender {
     /// Waits until another connection takes over the stream, or its asset is deleted.
     pub async fn taken_over(&self) {
         let mine = self.owner;
-        let _ = self.stream.follow_owner().wait_for(|owner| *owner != mine).await;
+        let _ = self.stream.watch_owner().wait_for(|owner| *owner != mine).await;
     }
 
     /// Updates the cutting of records to the asset's current description, and the stream to what other

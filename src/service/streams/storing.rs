@@ -51,7 +51,7 @@ impl Streams {
 
     /// Stores records until none is pending or the service ends.
     async fn store_cuts(&self, stream: &Arc<LiveStream>) {
-        let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
+        let (mut wait, mut over) = (RETRY_AFTER, self.watch_end());
         loop {
             match self.store_next(stream).await {
                 Ok(Attempt::Stored) => wait = RETRY_AFTER,

@@ -16,7 +16,7 @@ const MAX_TAKEN: u32 = 16;
 impl Streams {
     /// Stores the pending records of streams that no other process stores, for as long as the service exists.
     pub(super) fn take_over_in_background(self: &Arc<Self>) {
-        let (streams, mut over) = (Arc::downgrade(self), self.follow_end());
+        let (streams, mut over) = (Arc::downgrade(self), self.watch_end());
         tokio::spawn(async move {
             loop {
                 tokio::select! {

@@ -39,7 +39,7 @@ pub struct FoldedAlarms<'a> {
     pub is_append: bool,
 }
 
-/// A change of an alarm to be announced.
+/// A change of an alarm, for its event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmNotice {
     /// The alarm after the change.
