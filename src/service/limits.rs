@@ -21,8 +21,8 @@ pub struct WorkLimits {
     pub recordings_at_once: usize,
     /// Number of live streams sent at the same time.
     pub streams_at_once: usize,
-    /// The neighbours of each asset's pair that are simulated in the background in addition to its library.
-    pub neighbours: EnsembleSettings,
+    /// The ensemble of each asset's pair, simulated in the background in addition to its library.
+    pub ensemble: EnsembleSettings,
     /// Quotas of raw bytes.
     pub quotas: RawQuotas,
     /// How old results are thinned; `None` to keep all of them.
@@ -44,7 +44,7 @@ impl Default for WorkLimits {
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,
             streams_at_once: 64,
-            neighbours: EnsembleSettings::default(),
+            ensemble: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
             old_results: None,
             quarantined_for: Duration::from_secs(30 * 24 * 3600),

@@ -179,10 +179,9 @@ fn a_history_is_recomputed_when_the_ensemble_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     // More than the first ones.
-    let neighbours = EnsembleSettings { members: FIRST_MEMBERS + 4 };
+    let ensemble = EnsembleSettings { members: FIRST_MEMBERS + 4 };
     runtime().block_on(async {
-        let alone =
-            worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
+        let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), ensemble).await;
         alone.assets.create(&spec).await.unwrap();
         send(&alone, &records(&spec.id, "1", 1)[0]).await;
         let without = keys(&alone, &spec.id).await;
@@ -204,10 +203,10 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     let all = records(&spec.id, "1", 13);
-    let neighbours = |members| EnsembleSettings { members };
+    let ensemble = |members| EnsembleSettings { members };
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
-        let with = worker_with(&settings, &folder.path().join("with"), neighbours(FIRST_MEMBERS + 4)).await;
+        let with = worker_with(&settings, &folder.path().join("with"), ensemble(FIRST_MEMBERS + 4)).await;
         with.assets.create(&spec).await.unwrap();
         simulated(&with, &spec).await;
         for sent in &all[..12] {
@@ -215,7 +214,7 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
         }
         let made_with = keys(&with, &spec.id).await;
         // So many take this worker longer than the test does.
-        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(5000)).await;
+        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), ensemble(5000)).await;
         send(&awaiting, &all[12]).await;
         awaiting.assets.refresh(&spec.id).await.unwrap();
         with.assets.refresh(&spec.id).await.unwrap();

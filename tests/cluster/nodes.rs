@@ -62,7 +62,7 @@ fn config(folder: &Path) -> ServiceConfig {
     // The clock stands still while records of later times come.
     config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
     config.work.upkeep_interval = Duration::from_millis(500);
-    config.work.neighbours = EnsembleSettings::described_alone();
+    config.work.ensemble = EnsembleSettings::described_alone();
     config.grid = GridSettings { states: 4, seconds: 0.25, ..GridSettings::default() };
     config
 }

@@ -63,7 +63,7 @@ pub(super) async fn worker(settings: &StoreSettings, folder: &Path) -> Arc<Servi
 pub(super) async fn worker_with(
     settings: &StoreSettings,
     folder: &Path,
-    neighbours: EnsembleSettings,
+    ensemble: EnsembleSettings,
 ) -> Arc<Service> {
     let store = Store::open(settings).await.unwrap();
     let folders = ServiceFolders {
@@ -72,7 +72,7 @@ pub(super) async fn worker_with(
         uploads: folder.join("uploads"),
         streams: folder.join("streams"),
     };
-    let limits = WorkLimits { workers: 1, neighbours, ..WorkLimits::default() };
+    let limits = WorkLimits { workers: 1, ensemble, ..WorkLimits::default() };
     let grid = GridSettings { states: 4, seconds: 0.25, ..GridSettings::default() };
     Service::new(store, folders, &limits, grid, Arc::new(ManualClock::default()), Role::Standalone).unwrap()
 }

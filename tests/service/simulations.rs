@@ -240,7 +240,7 @@ fn a_history_continues_with_the_stored_library() {
 /// wait for them.
 #[test]
 fn a_library_does_not_wait_for_another_assets_ensemble() {
-    let service = Service::start_with(|config| config.work.neighbours = EnsembleSettings::default());
+    let service = Service::start_with(|config| config.work.ensemble = EnsembleSettings::default());
     let simulation = |asset: &str| {
         let summary = service.get(&format!("/v1/assets/{asset}")).expect(200).json()["summary"].clone();
         summary["simulation"].clone()

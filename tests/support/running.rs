@@ -138,7 +138,7 @@ impl Service {
         // The clock stands still while records of later times come.
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
         // No ensemble in the background, so that results do not depend on timing.
-        config.work.neighbours = EnsembleSettings::described_alone();
+        config.work.ensemble = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {
             config.store = Some(flankwatch::store::StoreSettings::Shared(database.settings(self.folder())));

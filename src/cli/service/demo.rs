@@ -124,7 +124,7 @@ async fn start_on_free_port(
     let config = |address| {
         let mut config = ServiceConfig::new(address, &data_dir);
         // The run takes about a minute, and simulating the whole ensemble would take as long.
-        config.work.neighbours = EnsembleSettings::default().first();
+        config.work.ensemble = EnsembleSettings::default().first();
         config
     };
     match start(config(listen.unwrap_or(default)), clock.clone()).await {

@@ -146,11 +146,9 @@ impl Recomputer {
                 return Ok(UpdateOutcome::AwaitsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
-            if is_other_fold
-                && self.store.is_shared()
-                && self.simulations.awaits_neighbours(&description.spec)
+            if is_other_fold && self.store.is_shared() && self.simulations.awaits_ensemble(&description.spec)
             {
-                // A process that has the neighbours already has computed the history with them, and would do
+                // A process that has the ensemble already has computed the history with it, and would do
                 // so again.
                 return Ok(UpdateOutcome::InOtherProcess);
             }

@@ -53,7 +53,7 @@ async fn service_on(folder: &Path) -> Arc<Service> {
         simulation_threads: 1,
         requests_at_once: 2,
         bytes_at_once: 4096,
-        neighbours: EnsembleSettings::described_alone(),
+        ensemble: EnsembleSettings::described_alone(),
         ..WorkLimits::default()
     };
     let folders = ServiceFolders::in_data_folder(folder);

@@ -56,8 +56,8 @@ impl Cost {
     }
 
     /// The expected seconds from then on until the first members of its ensemble are ready.
-    pub(super) fn first_members_s(&self, neighbours: EnsembleSettings) -> f64 {
-        self.pieces().group_s * neighbours.first().members.div_ceil(VARIANTS) as f64
+    pub(super) fn first_members_s(&self, ensemble_settings: EnsembleSettings) -> f64 {
+        self.pieces().group_s * ensemble_settings.first().members.div_ceil(VARIANTS) as f64
     }
 }
 
@@ -67,9 +67,9 @@ mod tests {
 
     #[test]
     fn the_estimate_follows_the_last_measurement() {
-        let (grid, neighbours) = (GridSettings::default(), EnsembleSettings::default());
+        let (grid, ensemble_settings) = (GridSettings::default(), EnsembleSettings::default());
         let cost = Cost::new(2);
-        let both_s = |grid: &GridSettings| cost.library_s(grid) + cost.first_members_s(neighbours);
+        let both_s = |grid: &GridSettings| cost.library_s(grid) + cost.first_members_s(ensemble_settings);
         assert!((both_s(&grid) - 9.0 * 1.04 / 2.0).abs() < 1e-9);
         assert!((cost.library_s(&grid) - 0.52).abs() < 1e-9);
         assert_eq!(cost.first_members_s(EnsembleSettings::described_alone()), 0.0);

@@ -30,7 +30,7 @@ pub(super) struct Job {
     pub(super) id: String,
     pub(super) pair: PairSpec,
     pub(super) grid: GridSettings,
-    pub(super) neighbours: EnsembleSettings,
+    pub(super) ensemble_settings: EnsembleSettings,
     pub(super) source: LibrarySource,
     /// Libraries are loaded one after the other.
     pub(super) loading: Arc<Mutex<()>>,
@@ -75,7 +75,7 @@ impl Job {
         let Some(reason) = self.source.failures().reason(&self.id) else {
             return catch_panics(|| self.simulate());
         };
-        // The library itself exists if only its neighbours failed.
+        // The library itself exists if only its ensemble failed.
         let is_ready = matches!(self.simulation.borrow().readiness, Readiness::Ready(_));
         if !is_ready && let Some(library) = self.source.cached(&self.pair, &self.grid) {
             let alone = Ensemble::of(Arc::clone(&library));
@@ -96,14 +96,14 @@ impl Job {
             self.measured(SimulationStage::Library, || permit.run(build))?
         };
         let alone = Ensemble::of(Arc::clone(&library));
-        if self.neighbours.members == 0 {
+        if self.ensemble_settings.members == 0 {
             self.ready(library, alone, None);
             return Ok(());
         }
         // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
             let permit = self.queue.wait(SimulationStage::FirstMembers);
-            let build = || self.members(&alone, &self.neighbours.first(), &self.progress());
+            let build = || self.members(&alone, &self.ensemble_settings.first(), &self.progress());
             self.measured(SimulationStage::FirstMembers, || permit.run(build))
         };
         let first = match first {
@@ -139,7 +139,7 @@ impl Job {
 
     /// Simulates all members, some more in each round.
     fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
-        let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
+        let (begin, all) = (self.ensemble_settings.first().members, self.ensemble_settings.members);
         let progress = self.progress();
         let mut ensemble = first;
         for done in (begin..all).step_by(MEMBERS_PER_ROUND) {
@@ -148,7 +148,7 @@ impl Job {
             let permit = self.queue.wait(SimulationStage::Members);
             let settings = EnsembleSettings { members: done + MEMBERS_PER_ROUND };
             if settings.members >= all {
-                return permit.run(|| self.members(&ensemble, &self.neighbours, &of_all));
+                return permit.run(|| self.members(&ensemble, &self.ensemble_settings, &of_all));
             }
             let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
             ensemble = permit.run(|| ensemble.extended(&settings, &control))?;
@@ -167,11 +167,11 @@ impl Job {
             0 => Some(Ensemble::of(Arc::clone(&library))),
             _ => self.source.cached_ensemble(&library, settings),
         };
-        if let Some(whole) = kept(&self.neighbours) {
+        if let Some(whole) = kept(&self.ensemble_settings) {
             self.ready(Arc::clone(&library), whole, None);
             return true;
         }
-        if let Some(first) = kept(&self.neighbours.first()) {
+        if let Some(first) = kept(&self.ensemble_settings.first()) {
             self.ready(Arc::clone(&library), first, Some(SimulationStage::Waiting));
         }
         false
@@ -284,7 +284,7 @@ mod tests {
             id: id.to_owned(),
             pair: PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap(),
             grid: GridSettings { states, seconds: 0.3, ..GridSettings::default() },
-            neighbours: EnsembleSettings { members: 0 },
+            ensemble_settings: EnsembleSettings { members: 0 },
             source: LibrarySource::alone(folder),
             loading: Arc::default(),
             queue: Arc::new(SimulationQueue::new(2).unwrap()),

@@ -58,7 +58,7 @@ pub struct Simulations {
     grid: GridSettings,
     requested: Arc<RequestedLibraries>,
     estimators: Mutex<Estimators>,
-    neighbours: EnsembleSettings,
+    ensemble_settings: EnsembleSettings,
     ensembles: Arc<Ensembles>,
     /// Receives the assets whose library is ready, has more members, or has failed.
     changed: mpsc::UnboundedSender<Vec<AssetId>>,
@@ -87,7 +87,7 @@ impl Simulations {
             grid,
             requested: Arc::default(),
             estimators: Mutex::default(),
-            neighbours: limits.neighbours,
+            ensemble_settings: limits.ensemble,
             ensembles: Arc::default(),
             loading: Arc::default(),
             queue: Arc::new(queue),
@@ -115,10 +115,11 @@ impl Simulations {
         let id = library_id(pair, &grid);
         let has_members = |settings| cache.has_ensemble(&ensemble_id(&id, &settings));
         let library_s = if cache.has(&id) { 0.0 } else { self.cost.library_s(&grid) };
-        let members_s = if has_members(self.neighbours) || has_members(self.neighbours.first()) {
+        let members_s = if has_members(self.ensemble_settings) || has_members(self.ensemble_settings.first())
+        {
             0.0
         } else {
-            self.cost.first_members_s(self.neighbours)
+            self.cost.first_members_s(self.ensemble_settings)
         };
         Some(library_s + members_s)
     }
@@ -205,7 +206,7 @@ impl Simulations {
             id: id.clone(),
             pair,
             grid,
-            neighbours: self.neighbours,
+            ensemble_settings: self.ensemble_settings,
             source: self.source.clone(),
             loading: Arc::clone(&self.loading),
             queue: Arc::clone(&self.queue),
@@ -255,14 +256,14 @@ impl Simulations {
         spec.pair().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
-    /// Whether neighbours of an asset's library are still being simulated, so that a history folded now has
-    /// to be folded again with them.
-    pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
+    /// Whether the ensemble of an asset's library is still being simulated, so that a history folded now has
+    /// to be folded again with it.
+    pub(crate) fn awaits_ensemble(&self, spec: &AssetSpec) -> bool {
         let Some((_, simulation)) = self.request(spec) else {
             return false;
         };
         let simulation = simulation.borrow();
-        self.neighbours.members > 0 && (simulation.is_loading || simulation.progress.is_some())
+        self.ensemble_settings.members > 0 && (simulation.is_loading || simulation.progress.is_some())
     }
 
     /// The estimator of a fold key, if an asset has used it since the start for its description or for a
@@ -281,7 +282,7 @@ impl Simulations {
         let fold_key = fold_key(&settings, &feature_key, library.as_deref(), &rules);
         lock(&self.estimators).of(&spec.id, &fold_key, || {
             let (estimator, lack) = match library {
-                Ok(ensemble) if ensemble.is_part_of(&self.neighbours) => {
+                Ok(ensemble) if ensemble.is_part_of(&self.ensemble_settings) => {
                     (ChannelEstimator::provisional(settings, ensemble, rules), None)
                 }
                 Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),

@@ -99,7 +99,7 @@ pub struct Simulation {
     pub readiness: Readiness,
     /// Progress of the current stage; `None` if nothing is being simulated.
     pub progress: Option<SimulationProgress>,
-    /// Why the library, or its neighbours, could not be simulated.
+    /// Why the library, or its ensemble, could not be simulated.
     pub error: Option<String>,
     /// Whether it is still being loaded from the cache.
     pub(super) is_loading: bool,

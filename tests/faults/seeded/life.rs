@@ -45,7 +45,7 @@ impl Life {
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &folder);
         config.work.workers = 1;
         config.work.simulation_threads = 1;
-        config.work.neighbours = EnsembleSettings::described_alone();
+        config.work.ensemble = EnsembleSettings::described_alone();
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
         let on: Arc<dyn Disk> = disk.clone();
         let clock = Arc::new(ManualClock::default());
