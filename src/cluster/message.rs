@@ -77,7 +77,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
             channel_index: message.raw_channel_index,
         },
     };
-    Ok(QueuedRecord { note, asset_created_at: from_ns(message.asset_created_at_ns), given_up: 0 })
+    Ok(QueuedRecord { note, asset_created_at: from_ns(message.asset_created_at_ns), dead_letters: 0 })
 }
 
 fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
@@ -115,7 +115,7 @@ mod tests {
                 channel_index: 3,
             },
         };
-        QueuedRecord { note, asset_created_at: from_ns(5), given_up: 0 }
+        QueuedRecord { note, asset_created_at: from_ns(5), dead_letters: 0 }
     }
 
     #[test]

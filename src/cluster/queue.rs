@@ -58,8 +58,8 @@ fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.note.id.0.as_bytes());
     hash.update(record.asset_created_at.as_nanosecond().to_le_bytes());
-    if record.given_up > 0 {
-        hash.update(record.given_up.to_le_bytes());
+    if record.dead_letters > 0 {
+        hash.update(record.dead_letters.to_le_bytes());
     }
     hex::encode(&hash.finalize()[..16])
 }

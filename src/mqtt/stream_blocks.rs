@@ -18,10 +18,10 @@ use crate::service::{Client, Pulses, Service, ServiceError, Share, StreamSender}
 use crate::signal::{OperatingPoint, Record};
 
 /// Time after which the samples that a waiting block lacks count as lost: a broker delivers in order.
-const GIVE_UP_AFTER: Duration = Duration::from_secs(2);
+const GAP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Time without blocks after which a stream's task ends; the next block starts another one.
-const IDLE: Duration = Duration::from_secs(60);
+const IDLE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Interval at which the asset's description is read again.
 const REFRESH_INTERVAL: Duration = Duration::from_secs(2);
@@ -128,9 +128,9 @@ impl PointStream {
     async fn run(mut self, mut blocks: mpsc::UnboundedReceiver<(Message, Incoming)>) {
         let mut stop = self.stop.clone();
         loop {
-            let patience = if self.waiting.is_empty() { IDLE } else { GIVE_UP_AFTER };
+            let timeout = if self.waiting.is_empty() { IDLE_TIMEOUT } else { GAP_TIMEOUT };
             let received = tokio::select! {
-                received = tokio::time::timeout(patience, blocks.recv()) => received,
+                received = tokio::time::timeout(timeout, blocks.recv()) => received,
                 _ = stop.wait_for(|stop| *stop) => return,
             };
             match received {
@@ -138,7 +138,7 @@ impl PointStream {
                 Ok(None) => return,
                 // Blocks that are queued already are still received.
                 Err(_) if self.waiting.is_empty() => blocks.close(),
-                Err(_) => self.give_up().await,
+                Err(_) => self.declare_gap().await,
             }
         }
     }
@@ -248,7 +248,7 @@ impl PointStream {
     }
 
     /// Stops waiting for the samples before the first waiting block: they become a gap.
-    async fn give_up(&mut self) {
+    async fn declare_gap(&mut self) {
         match self.skip_to_waiting().await {
             Ok(()) => self.acknowledge_stored().await,
             Err(FailureAction::Reject(rejection)) => {
@@ -268,7 +268,7 @@ impl PointStream {
             self.open(&service, format).await?;
         }
         if let Some(sender) = &mut self.sender {
-            sender.give_up_before(first).await?;
+            sender.declare_lost_before(first).await?;
         }
         Ok(())
     }

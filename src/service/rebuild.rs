@@ -114,7 +114,7 @@ impl Service {
             }
             match created.get(&note.asset_id).copied().flatten() {
                 Some(created_at) => {
-                    missing.push(QueuedRecord { note, asset_created_at: created_at, given_up: 0 });
+                    missing.push(QueuedRecord { note, asset_created_at: created_at, dead_letters: 0 });
                 }
                 None => rebuilt.without_asset += 1,
             }

@@ -22,7 +22,7 @@ pub struct QueuedRecord {
     pub asset_created_at: Timestamp,
     /// How often it recently became a dead letter; the queue treats it as a new record each time it is sent
     /// again.
-    pub given_up: u32,
+    pub dead_letters: u32,
 }
 
 /// The health of a dependency of the service.

@@ -62,7 +62,7 @@ pub use objects::{
 };
 pub use records::latest::LatestRecord;
 use records::latest::LatestRecordCache;
-pub use records::raw::GivenUp;
+pub use records::raw::DeletedRaw;
 pub use records::removal::{RecordRange, RemovedRecords};
 pub use records::results::RecordResults;
 pub use records::segments::{

@@ -45,10 +45,10 @@ fn workers_that_enforce_a_quota_concurrently_remove_no_more_than_needed() {
         let volume: u64 = all.iter().map(|(_, bytes)| bytes.len() as u64).sum();
         let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
         for quota in [volume / 2, volume / 4] {
-            let given_up =
+            let deleted =
                 workers.iter().map(|worker| worker.store.delete_oldest_raw(Some(&spec.id), quota, 256));
-            let given_up = futures_util::future::join_all(given_up).await;
-            assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
+            let deleted = futures_util::future::join_all(deleted).await;
+            assert_eq!(deleted.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
             let left = workers[0].store.raw_volumes().await.unwrap()["pump"];
             assert!(left <= quota && left + largest > quota, "{left} of {volume} left, expected {quota}");
         }

@@ -267,7 +267,7 @@ pub(super) async fn send(
     let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
     let (mut gaps, stored_to) = (Vec::new(), sender.next());
     if let Some(first) = after_gap {
-        gaps.extend(sender.give_up_before(first).await?.gaps);
+        gaps.extend(sender.declare_lost_before(first).await?.gaps);
     }
     let mut body = BodyChunks {
         source: BodySource::endless(body, &app.limits),

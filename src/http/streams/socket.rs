@@ -273,7 +273,7 @@ impl Connection {
         let message = ClientMessage::parse(text);
         match message.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
             ClientMessage::Gap { next } => {
-                let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
+                let StreamProgress { next, gaps } = self.sender.declare_lost_before(next).await?;
                 Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
             }
             ClientMessage::Operating { shaft_speed_hz, torque_nm, temperature_c } => {

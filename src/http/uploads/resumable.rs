@@ -110,7 +110,7 @@ pub(crate) async fn append(app: &App, id: &str, at: u64, body: Body) -> Result<R
 pub(crate) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
     let waits = app.reading_waits.cancel(id);
-    match app.service.store.give_up_resumable(id, waits, app.service.now()).await {
+    match app.service.store.cancel_resumable(id, waits, app.service.now()).await {
         Ok(true) => {}
         Ok(false) => {
             return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written or processed"));
@@ -118,7 +118,7 @@ pub(crate) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
         Err(error) if error.is_full() => {
             // Its pieces free disk space
             app.service.uploads.remove(vec![id.to_owned()]).await?;
-            app.service.store.give_up_resumable(id, waits, app.service.now()).await?;
+            app.service.store.cancel_resumable(id, waits, app.service.now()).await?;
         }
         Err(error) => return Err(error.into()),
     }

@@ -408,11 +408,11 @@ impl Pipeline {
         received_at: Timestamp,
     ) -> Result<Vec<QueuedRecord>, ServiceError> {
         let ids: Vec<SegmentId> = records.iter().map(|record| record.id.clone()).collect();
-        let given_up = self.store.dead_letters_of(&ids).await?;
+        let dead_letters = self.store.dead_letters_of(&ids).await?;
         let queued = records.iter().map(|record| QueuedRecord {
             note: record.note(&group.asset.spec.id, received_at),
             asset_created_at: group.asset.created_at,
-            given_up: given_up.get(&record.id).copied().unwrap_or(0),
+            dead_letters: dead_letters.get(&record.id).copied().unwrap_or(0),
         });
         Ok(queued.collect())
     }

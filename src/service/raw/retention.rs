@@ -12,7 +12,7 @@ use super::objects::{RawObjects, WaitingObjects};
 use crate::asset::AssetId;
 use crate::service::error::ServiceError;
 use crate::service::limits::RawQuotas;
-use crate::store::{GivenUp, Store};
+use crate::store::{DeletedRaw, Store};
 
 /// Objects deleted in one transaction.
 const DELETED_AT_ONCE: u32 = 256;
@@ -63,28 +63,28 @@ impl Retention {
             for (asset, bytes) in self.store.raw_volumes().await? {
                 let Ok(asset) = AssetId::new(asset) else { continue };
                 if bytes > quota {
-                    self.give_up(Some(&asset), quota, &waiting).await?;
+                    self.enforce(Some(&asset), quota, &waiting).await?;
                 }
             }
         }
         if let Some(quota) = self.quotas.bytes {
             let bytes: u64 = self.store.raw_volumes().await?.values().sum();
             if bytes > quota {
-                self.give_up(None, quota, &waiting).await?;
+                self.enforce(None, quota, &waiting).await?;
             }
         }
         Ok(())
     }
 
-    async fn give_up(
+    async fn enforce(
         &self,
         asset: Option<&AssetId>,
         quota: u64,
         waiting: &WaitingObjects,
     ) -> Result<(), ServiceError> {
         loop {
-            let given_up = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
-            let GivenUp { objects, bytes, is_within, orphans } = given_up;
+            let deleted = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
+            let DeletedRaw { objects, bytes, is_within, orphans } = deleted;
             if objects > 0 {
                 self.objects.remove(orphans, waiting).await?;
                 let of = asset.map_or("all", AssetId::as_str);

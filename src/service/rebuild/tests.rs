@@ -155,7 +155,7 @@ async fn an_interrupted_rebuild_is_completed_by_a_repeat() {
     service.store.insert_asset(&note.spec, None, note.created_at).await.unwrap();
     let missing = service.missing_records(&mut HashMap::new(), &mut Rebuilt::default()).await.unwrap();
     for note in missing.into_iter().take(3) {
-        let record = QueuedRecord { note, asset_created_at: expected.0.1, given_up: 0 };
+        let record = QueuedRecord { note, asset_created_at: expected.0.1, dead_letters: 0 };
         service.ingest(&record).await.unwrap();
     }
     assert_ne!(entered(&service).await, expected);

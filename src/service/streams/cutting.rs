@@ -249,7 +249,7 @@ mod tests {
                 stream.plan_records(&steady()).unwrap();
             }
             if gaps.contains(&pair[0]) {
-                stream.give_up_before(pair[1], &steady()).unwrap();
+                stream.declare_lost_before(pair[1], &steady()).unwrap();
                 continue;
             }
             for (_, point) in points.iter().filter(|(index, _)| *index == pair[0]) {

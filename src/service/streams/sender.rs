@@ -108,12 +108,12 @@ impl StreamSender {
     ///
     /// # Errors
     /// Those of [`take`](Self::take).
-    pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
+    pub async fn declare_lost_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
         if let Some(beginning) = &self.beginning {
             beginning.assembler().declare_lost_before(index)?;
         }
         let cutting = Arc::clone(&self.cutting);
-        self.write(move |stored| stored.give_up_before(index, &cutting)).await
+        self.write(move |stored| stored.declare_lost_before(index, &cutting)).await
     }
 
     /// Sets the operating point of the machine from now on; a speed of 0 is a standstill.

@@ -220,7 +220,7 @@ impl StoredStream {
     }
 
     /// Declares that no more samples before an index will arrive.
-    pub(crate) fn give_up_before(
+    pub(crate) fn declare_lost_before(
         &mut self,
         index: u64,
         cutting: &Cutting,

@@ -12,7 +12,7 @@ const NAMES_AT_ONCE: usize = 500;
 
 /// Raw objects deleted by the retention.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct GivenUp {
+pub struct DeletedRaw {
     /// Their number, counted once for each asset.
     pub objects: u64,
     /// Their total size in bytes.
@@ -48,7 +48,7 @@ impl Store {
         asset: Option<&AssetId>,
         quota: u64,
         most: u32,
-    ) -> Result<GivenUp, StoreError> {
+    ) -> Result<DeletedRaw, StoreError> {
         let mut transaction = self.write()?.begin().await?;
         // Other processes wait here until the end of this transaction, and then see its result.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'retention'")
@@ -56,7 +56,7 @@ impl Store {
             .await?;
         let bytes = volume(&mut transaction, asset).await?.saturating_sub(quota);
         if bytes == 0 {
-            return Ok(GivenUp { is_within: true, ..GivenUp::default() });
+            return Ok(DeletedRaw { is_within: true, ..DeletedRaw::default() });
         }
         let text = match asset {
             Some(_) => {
@@ -68,10 +68,10 @@ impl Store {
         if let Some(asset) = asset {
             query = query.bind(asset.as_str());
         }
-        let mut given_up = GivenUp::default();
+        let mut total = DeletedRaw::default();
         let mut names = Vec::new();
         for row in query.fetch_all(&mut *transaction).await? {
-            if given_up.bytes >= bytes {
+            if total.bytes >= bytes {
                 break;
             }
             let (name, of): (String, String) = (get(&row, "sha256")?, get(&row, "asset_id")?);
@@ -90,8 +90,8 @@ impl Store {
                 .bind(size)
                 .execute(&mut *transaction)
                 .await?;
-            given_up.objects += 1;
-            given_up.bytes += u64::try_from(size).unwrap_or(0);
+            total.objects += 1;
+            total.bytes += u64::try_from(size).unwrap_or(0);
             names.push(name);
         }
         let kept = kept_among(&mut transaction, &names).await?;
@@ -99,9 +99,9 @@ impl Store {
         names.retain(|name| !kept.contains(name));
         names.sort_unstable();
         names.dedup();
-        given_up.orphans = names;
-        given_up.is_within = given_up.bytes >= bytes;
-        Ok(given_up)
+        total.orphans = names;
+        total.is_within = total.bytes >= bytes;
+        Ok(total)
     }
 
     /// Returns the names that no asset references.

@@ -258,7 +258,7 @@ impl Store {
 
     /// Deletes an upload; returns false if it is being read, unless the caller is the reader. The caller
     /// removes its objects.
-    pub async fn give_up_resumable(
+    pub async fn cancel_resumable(
         &self,
         id: &str,
         is_reader: bool,

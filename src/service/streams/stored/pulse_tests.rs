@@ -45,7 +45,7 @@ fn take_all(place: &StreamPlace, chunks: &[Chunk], restarts: &[bool]) -> StoredS
         }
         stream.take(vec![chunk.clone()], &policy()).unwrap();
         if stream.state.next == Some(GAP.start) {
-            stream.give_up_before(GAP.end, &policy()).unwrap();
+            stream.declare_lost_before(GAP.end, &policy()).unwrap();
         }
     }
     stream
