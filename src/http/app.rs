@@ -14,7 +14,7 @@ use super::metrics::requests::Measurements;
 use super::preview::model::PreviewModels;
 use super::server::limits::HttpLimits;
 use super::spectra::line_cache::LineCache;
-use super::uploads::reading_waits::ReadingWaits;
+use super::uploads::upload_waits::UploadWaits;
 use crate::service::Service;
 
 /// The service and the API's own state; a clone is another handle.
@@ -25,7 +25,7 @@ pub(super) struct App {
     pub(super) measurements: Arc<Measurements>,
     pub(super) events: Arc<EventRing>,
     pub(super) access: Arc<Access>,
-    pub(super) reading_waits: Arc<ReadingWaits>,
+    pub(super) upload_waits: Arc<UploadWaits>,
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
     pub(super) previews: Arc<PreviewModels>,

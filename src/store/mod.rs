@@ -79,7 +79,7 @@ pub use streams::rows::{StreamAppend, StreamCheckpoint, StreamKey, StreamVersion
 pub use tokens::{Scope, Token, TokenStore, TokensVersion};
 pub use transaction::Transaction;
 pub use uploads::keyed::KeyedUpload;
-pub use uploads::resumable::{NewUpload, Reading, StoredUpload, UploadPiece, UploadState};
+pub use uploads::resumable::{NewUpload, ReadLease, StoredUpload, UploadPiece, UploadState};
 
 /// A handle to the store; clones share it.
 #[derive(Debug, Clone)]

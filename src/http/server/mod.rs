@@ -204,7 +204,7 @@ async fn start_as(
         limits: Arc::clone(&limits),
         events: Arc::clone(&events),
         access: Arc::new(access),
-        reading_waits: Arc::default(),
+        upload_waits: Arc::default(),
         measurements: Arc::new(Measurements::default()),
         uploads: uploads.into(),
         lines: Arc::default(),

@@ -3,11 +3,11 @@
 pub(super) mod csv_preview;
 mod parameters;
 mod piece_reader;
-pub(super) mod reading_waits;
 pub(super) mod recording_preview;
 pub(super) mod resumable;
 mod resumable_upload;
 pub(super) mod tus;
+pub(super) mod upload_waits;
 
 use std::fs::File;
 use std::io::{self, Read};

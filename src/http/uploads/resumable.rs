@@ -21,7 +21,7 @@ use crate::http::problem::Problem;
 use crate::http::request::body::BodySource;
 use crate::http::uploads;
 use crate::service::{ChannelNames, ServiceError, blocking, while_leased};
-use crate::store::{NewUpload, Reading, UploadPiece};
+use crate::store::{NewUpload, ReadLease, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
 const RETENTION: SignedDuration = SignedDuration::from_hours(24);
@@ -93,7 +93,7 @@ pub(crate) async fn begin(
 pub(crate) async fn find(app: &App, id: &str) -> Result<ResumableUpload, Problem> {
     let found = app.service.store.resumable(id, app.service.now()).await?;
     let stored = found.ok_or_else(|| unknown(id))?;
-    Ok(ResumableUpload::new(stored, app.reading_waits.get(id)))
+    Ok(ResumableUpload::new(stored, app.upload_waits.get(id)))
 }
 
 /// Appends bytes at offset `at`, and starts processing when the upload is complete.
@@ -109,7 +109,7 @@ pub(crate) async fn append(app: &App, id: &str, at: u64, body: Body) -> Result<R
 /// Removes an upload. One that waits to be processed may be removed, as it may be what fills the disk.
 pub(crate) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
-    let waits = app.reading_waits.cancel(id);
+    let waits = app.upload_waits.cancel(id);
     match app.service.store.cancel_resumable(id, waits, app.service.now()).await {
         Ok(true) => {}
         Ok(false) => {
@@ -196,19 +196,19 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
 
 /// Starts processing a complete upload in the background, unless another process does so.
 async fn take_over(app: &App, id: &str) -> Result<(), Problem> {
-    if let Some(reading) = app.service.store.begin_reading(id, app.service.now()).await? {
+    if let Some(lease) = app.service.store.acquire_read_lease(id, app.service.now()).await? {
         // If it cannot be read, another look takes it over once this one counts as ended.
         let upload = find(app, id).await?;
-        app.reading_waits.begin(id);
-        tokio::spawn(read_and_end(app.clone(), upload, reading));
+        app.upload_waits.begin(id);
+        tokio::spawn(read_and_end(app.clone(), upload, lease));
     }
     Ok(())
 }
 
 /// Processes a complete upload with a heartbeat.
-async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
+async fn read_and_end(app: App, upload: ResumableUpload, lease: ReadLease) {
     let renew = || async {
-        if let Err(error) = app.service.store.renew_reading(&reading, app.service.now()).await {
+        if let Err(error) = app.service.store.renew_read_lease(&lease, app.service.now()).await {
             tracing::debug!(upload = upload.id, %error, "failed to write the heartbeat of an upload");
         }
     };
@@ -216,7 +216,7 @@ async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
         let Some(taken) = read(&app, &upload).await else {
             return;
         };
-        while let Err(problem) = end(&app, &upload, &reading, &taken).await {
+        while let Err(problem) = end(&app, &upload, &lease, &taken).await {
             tracing::warn!(
                 upload = upload.id,
                 problem = problem.detail(),
@@ -229,7 +229,7 @@ async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
         }
     };
     while_leased(ALIVE_INTERVAL, work, renew).await;
-    app.reading_waits.end(&upload.id);
+    app.upload_waits.end(&upload.id);
 }
 
 /// Processes a complete upload when its turn comes; transient errors are retried as long as the upload is
@@ -237,7 +237,7 @@ async fn read_and_end(app: App, upload: ResumableUpload, reading: Reading) {
 /// opens the store takes it over.
 async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer, Problem>> {
     let mut wait = RETRY_AFTER;
-    while app.reading_waits.set(&upload.id, None) {
+    while app.upload_waits.set(&upload.id, None) {
         let taken = read_once(app, upload).await;
         if app.service.store.is_closed() {
             return None;
@@ -249,7 +249,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
                     problem = problem.detail(),
                     "failed to process an upload; retrying later"
                 );
-                app.reading_waits.set(&upload.id, Some(problem.detail()));
+                app.upload_waits.set(&upload.id, Some(problem.detail()));
                 wait = if problem.is_busy() { RETRY_AFTER } else { wait };
                 tokio::time::sleep(wait).await;
                 wait = (2 * wait).min(MAX_WAIT);
@@ -286,7 +286,7 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
 async fn end(
     app: &App,
     upload: &ResumableUpload,
-    reading: &Reading,
+    lease: &ReadLease,
     taken: &Result<UploadAnswer, Problem>,
 ) -> Result<(), Problem> {
     let text = taken.as_ref().map(serde_json::to_string);
@@ -296,11 +296,11 @@ async fn end(
         Err(problem) => Err(problem.detail()),
     };
     let expires_at = expiry(app).await?;
-    let is_mine = match app.service.store.finish_reading(reading, result, expires_at).await {
+    let is_mine = match app.service.store.finish_reading(lease, result, expires_at).await {
         Err(error) if error.is_full() => {
             // The upload is complete, and removing its pieces frees space.
             app.service.uploads.remove(vec![upload.id.clone()]).await?;
-            app.service.store.finish_reading(reading, result, expires_at).await?
+            app.service.store.finish_reading(lease, result, expires_at).await?
         }
         done => done?,
     };

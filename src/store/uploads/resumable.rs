@@ -74,9 +74,9 @@ pub struct UploadPiece {
     pub object: String,
 }
 
-/// The right of one process to read an upload, until another one takes over.
+/// The lease of the process that reads an upload, until another one takes over.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Reading {
+pub struct ReadLease {
     upload: String,
     number: i64,
 }
@@ -191,7 +191,11 @@ impl Store {
 
     /// Acquires the right to read a complete upload; returns `None` if another process has it, or if it has
     /// been read.
-    pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<Option<Reading>, StoreError> {
+    pub async fn acquire_read_lease(
+        &self,
+        id: &str,
+        now: Timestamp,
+    ) -> Result<Option<ReadLease>, StoreError> {
         let now = self.now(now).await?;
         let text = format!(
             "UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3, readings = readings + 1
@@ -203,17 +207,17 @@ impl Store {
             .bind(alive_until(now)?)
             .fetch_optional(self.write()?)
             .await?;
-        begun.map(|row| Ok(Reading { upload: id.to_owned(), number: get(&row, "readings")? })).transpose()
+        begun.map(|row| Ok(ReadLease { upload: id.to_owned(), number: get(&row, "readings")? })).transpose()
     }
 
     /// Renews the right to read an upload; returns false if another process has taken over.
-    pub async fn renew_reading(&self, reading: &Reading, now: Timestamp) -> Result<bool, StoreError> {
+    pub async fn renew_read_lease(&self, lease: &ReadLease, now: Timestamp) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
         let renewed = sqlx::query(
             "UPDATE resumable_uploads SET reader_until_ns = $3 WHERE id = $1 AND readings = $2 AND progress = 'reading'",
         )
-        .bind(reading.upload.as_str())
-        .bind(reading.number)
+        .bind(lease.upload.as_str())
+        .bind(lease.number)
         .bind(alive_until(now)?)
         .execute(self.write()?)
         .await?;
@@ -224,7 +228,7 @@ impl Store {
     /// has taken over. Otherwise the caller removes its objects.
     pub async fn finish_reading(
         &self,
-        reading: &Reading,
+        lease: &ReadLease,
         result: Result<&str, &str>,
         expires_at: Timestamp,
     ) -> Result<bool, StoreError> {
@@ -237,19 +241,19 @@ impl Store {
             "UPDATE resumable_uploads SET progress = $2, result = NULLIF($3, ''), error = NULLIF($4, ''), expires_at_ns = $5, reader_until_ns = NULL
              WHERE id = $1 AND readings = $6 AND progress = 'reading'",
         )
-        .bind(reading.upload.as_str())
+        .bind(lease.upload.as_str())
         .bind(json_name(&state))
         .bind(result)
         .bind(error)
         .bind(to_ns(expires_at)?)
-        .bind(reading.number)
+        .bind(lease.number)
         .execute(&mut *transaction)
         .await?;
         if finished.rows_affected() == 0 {
             return Ok(false);
         }
         sqlx::query("DELETE FROM upload_pieces WHERE upload_id = $1")
-            .bind(reading.upload.as_str())
+            .bind(lease.upload.as_str())
             .execute(&mut *transaction)
             .await?;
         transaction.commit().await?;
@@ -353,20 +357,20 @@ mod tests {
         let asset = AssetId::new("pump").unwrap();
         let upload = NewUpload { id: "abcdefgh1".to_owned(), asset, length: 3, expires_at: kept_until };
         assert!(store.begin_resumable(&upload, 9, 9).await.unwrap());
-        assert_eq!(store.begin_reading(&upload.id, start).await.unwrap(), None, "it is not complete");
+        assert_eq!(store.acquire_read_lease(&upload.id, start).await.unwrap(), None, "it is not complete");
         let piece = UploadPiece { bytes: 3, object: "piece".to_owned() };
         assert!(store.add_piece(&upload.id, 0, &piece, kept_until).await.unwrap());
 
-        let first = store.begin_reading(&upload.id, start).await.unwrap().unwrap();
-        assert_eq!(store.begin_reading(&upload.id, start).await.unwrap(), None);
-        let second = store.begin_reading(&upload.id, later).await.unwrap().unwrap();
-        assert!(!store.renew_reading(&first, later).await.unwrap());
+        let first = store.acquire_read_lease(&upload.id, start).await.unwrap().unwrap();
+        assert_eq!(store.acquire_read_lease(&upload.id, start).await.unwrap(), None);
+        let second = store.acquire_read_lease(&upload.id, later).await.unwrap().unwrap();
+        assert!(!store.renew_read_lease(&first, later).await.unwrap());
         assert!(!store.finish_reading(&first, Err("a piece is missing"), kept_until).await.unwrap());
         assert_eq!(store.upload_pieces(&upload.id).await.unwrap(), [piece]);
 
-        assert!(store.renew_reading(&second, later).await.unwrap());
+        assert!(store.renew_read_lease(&second, later).await.unwrap());
         assert!(store.finish_reading(&second, Ok("{}"), kept_until).await.unwrap());
-        assert!(!store.renew_reading(&second, later).await.unwrap());
+        assert!(!store.renew_read_lease(&second, later).await.unwrap());
         let stored = store.resumable(&upload.id, later).await.unwrap().unwrap();
         assert_eq!((stored.state, stored.error), (UploadState::Finished, None));
         assert_eq!(store.upload_pieces(&upload.id).await.unwrap(), []);

@@ -6,11 +6,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Uploads being processed, with what each waits for.
 #[derive(Debug, Default)]
-pub(crate) struct ReadingWaits {
+pub(crate) struct UploadWaits {
     by_upload: Mutex<HashMap<String, Option<String>>>,
 }
 
-impl ReadingWaits {
+impl UploadWaits {
     fn lock(&self) -> MutexGuard<'_, HashMap<String, Option<String>>> {
         self.by_upload.lock().unwrap_or_else(PoisonError::into_inner)
     }
