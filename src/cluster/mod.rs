@@ -36,9 +36,9 @@ mod ownership;
 mod partition;
 #[cfg(feature = "nats")]
 mod queue;
-mod settings;
 #[cfg(feature = "nats")]
-mod shares;
+mod rebalance;
+mod settings;
 #[cfg(feature = "nats")]
 mod worker;
 

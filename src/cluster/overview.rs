@@ -12,7 +12,7 @@ use jiff::Timestamp;
 use super::ClusterError;
 use super::connection::{ANY_SUBJECT, Connection};
 use super::consumers::consumers;
-use super::shares::unowned;
+use super::rebalance::unowned;
 use crate::service::{QueueOverview, WorkerOverview};
 
 /// Time in which workers must respond.

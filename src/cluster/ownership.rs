@@ -12,7 +12,7 @@ use tokio::sync::watch;
 
 use super::ClusterError;
 use super::connection::Connection;
-use super::shares::Changes;
+use super::rebalance::Rebalance;
 use crate::service::{Service, ServiceError};
 use crate::store::WORKER_LEASE;
 
@@ -78,7 +78,7 @@ impl Ownership {
         let (store, worker) = (&self.service.store, &self.worker);
         store.renew_queue_worker(worker, self.service.now()).await?;
         let mut owners = store.partition_owners().await?;
-        let changes = Changes::of(worker, &owners);
+        let changes = Rebalance::of(worker, &owners);
         let mut owned = owners.remove(worker).unwrap_or_default();
         owned.retain(|partition| !changes.release.contains(partition));
         // This worker stops before another one starts.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use tokio::sync::RwLock;
 
 use super::access::Access;
-use super::access::shares::Shares;
+use super::access::client::ClientLimiter;
 use super::events::ring::EventRing;
 use super::health::write_probe::WriteProbe;
 use super::metrics::queue::QueueWatch;
@@ -29,7 +29,7 @@ pub(super) struct App {
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
     pub(super) previews: Arc<PreviewModels>,
-    pub(super) event_streams: Shares,
+    pub(super) event_stream_limiter: ClientLimiter,
     pub(super) write_probe: Arc<WriteProbe>,
     pub(super) queue_watch: Arc<QueueWatch>,
     /// Read-locked by each request that may change something, until it is handled.

@@ -14,7 +14,7 @@ use super::rejection::{FailureAction, Rejection};
 use super::topic::Address;
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{Client, Pulses, Service, ServiceError, Share, StreamSender};
+use crate::service::{Client, ClientPermit, Pulses, Service, ServiceError, StreamSender};
 use crate::signal::{OperatingPoint, Record};
 
 /// Time after which the samples that a waiting block lacks count as lost: a broker delivers in order.
@@ -104,7 +104,7 @@ struct PointStream {
     stop: watch::Receiver<bool>,
     sender: Option<StreamSender>,
     /// Its place among the streams sent at the same time, until it is idle.
-    share: Option<Share>,
+    permit: Option<ClientPermit>,
     refreshed_at: Instant,
     /// The operating point of the last block; `None` if the stream was opened since.
     operating_point: Option<OperatingPoint>,
@@ -118,7 +118,7 @@ impl PointStream {
             address,
             stop,
             sender: None,
-            share: None,
+            permit: None,
             refreshed_at: Instant::now(),
             operating_point: None,
             waiting: Vec::new(),
@@ -215,14 +215,15 @@ impl PointStream {
 
     /// Opens the stream, for which there must be a place.
     async fn open(&mut self, service: &Service, format: StreamFormat) -> Result<(), FailureAction> {
-        let is_new = self.share.is_none();
+        let is_new = self.permit.is_none();
         if is_new {
             // Holding the block would not help: it would take the slots of points that have a place.
-            self.share = Some(service.stream_places.take(Client::Feed("mqtt")).ok_or_else(too_many)?);
+            self.permit =
+                Some(service.stream_limiter.try_acquire(Client::Feed("mqtt")).ok_or_else(too_many)?);
         }
         let opened = self.open_stream(service, format).await;
         if opened.is_err() && is_new {
-            self.share = None;
+            self.permit = None;
         }
         Ok(opened?)
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::alarms::Alarms;
 use super::assets::Assets;
 use super::backfill::Backfill;
+use super::client_limiter::ClientLimiter;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::EventSender;
@@ -19,7 +20,6 @@ use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
 use super::removal::Removals;
 use super::replays::{Replays, prepare_folders};
-use super::shares::Shares;
 use super::simulations::{LibrarySource, Simulations};
 use super::streams::Streams;
 use super::tally::Tally;
@@ -66,9 +66,9 @@ pub struct Service {
     /// Live streams.
     pub streams: Arc<Streams>,
     /// Limits the streams that are sent at the same time, by requests and over MQTT.
-    pub(crate) stream_places: Shares,
+    pub(crate) stream_limiter: ClientLimiter,
     /// Downloads of raw recordings.
-    pub(crate) downloads: Shares,
+    pub(crate) download_limiter: ClientLimiter,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
     /// Sources of records other than HTTP.
@@ -218,8 +218,14 @@ impl Service {
                 folders.recordings,
             ),
             streams,
-            stream_places: Shares::new(limits.streams_at_once, limits.streams_at_once.saturating_mul(3) / 4),
-            downloads: Shares::new(limits.requests_at_once, limits.requests_at_once.saturating_mul(3) / 4),
+            stream_limiter: ClientLimiter::new(
+                limits.streams_at_once,
+                limits.streams_at_once.saturating_mul(3) / 4,
+            ),
+            download_limiter: ClientLimiter::new(
+                limits.requests_at_once,
+                limits.requests_at_once.saturating_mul(3) / 4,
+            ),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,

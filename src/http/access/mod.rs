@@ -1,10 +1,10 @@
 //! Access control: tokens, their scopes and rate limits, and protection against requests from other web
 //! pages.
 
+pub(super) mod client;
 pub(super) mod issued_tokens;
 mod rate;
 pub(super) mod session;
-pub(super) mod shares;
 pub(super) mod token;
 pub(super) mod token_error;
 pub(super) mod tokens;

@@ -19,8 +19,8 @@ use serde_json::{Value, json};
 use tokio::sync::watch;
 
 use super::access::TokenWatch;
+use super::access::client::{Client, ClientPermit};
 use super::access::session::Caller;
-use super::access::shares::{Client, Share};
 use super::alarms::AlarmView;
 use super::app::App;
 use super::assets::maintenance::EventView;
@@ -123,12 +123,12 @@ pub(super) async fn stream(
     if let Some(asset) = &params.asset {
         app.service.store.asset(asset).await?;
     }
-    let Some(share) = app.event_streams.take(client) else {
+    let Some(permit) = app.event_stream_limiter.try_acquire(client) else {
         return Ok(too_many());
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
     let token = TokenWatch::new(Arc::clone(&app.access), caller.map(|Extension(caller)| caller));
-    let subscriber = EventSubscriber::new(app.events, params.asset, token, last, share);
+    let subscriber = EventSubscriber::new(app.events, params.asset, token, last, permit);
     let stream = unfold(subscriber, async |mut subscriber| {
         let event = subscriber.next().await?;
         Some((Ok::<_, Infallible>(event), subscriber))
@@ -151,7 +151,7 @@ struct EventSubscriber {
     position: Position,
     latest: watch::Receiver<u64>,
     over: watch::Receiver<bool>,
-    _share: Share,
+    _permit: ClientPermit,
 }
 
 impl EventSubscriber {
@@ -160,7 +160,7 @@ impl EventSubscriber {
         asset: Option<AssetId>,
         token: TokenWatch,
         last: Option<&str>,
-        share: Share,
+        permit: ClientPermit,
     ) -> Self {
         let (latest, over) = events.subscribe();
         Self {
@@ -171,7 +171,7 @@ impl EventSubscriber {
             token,
             latest,
             over,
-            _share: share,
+            _permit: permit,
         }
     }
 

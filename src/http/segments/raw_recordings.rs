@@ -9,7 +9,7 @@ use futures_util::stream::unfold;
 
 use super::find;
 use crate::asset::Segment;
-use crate::http::access::shares::{Client, Share};
+use crate::http::access::client::{Client, ClientPermit};
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::etag;
@@ -35,7 +35,7 @@ pub(crate) async fn download(
 ) -> Result<Response, Problem> {
     let segment = find(&app, &id).await?;
     let too_many = || Problem::busy("too many recordings are downloaded by this client or in total", 5);
-    let share = app.service.downloads.take(client).ok_or_else(too_many)?;
+    let permit = app.service.download_limiter.try_acquire(client).ok_or_else(too_many)?;
     let bytes = app.service.records.check_raw(&segment).await?;
     let (media_type, ending) = form_of(&segment.raw.media_type);
     let disposition = format!("attachment; filename=\"{}.{ending}\"", file_name(&segment));
@@ -47,19 +47,19 @@ pub(crate) async fn download(
         // JSON without a tag would be read into memory to compute one
         (header::ETAG, etag::of_bytes(&[segment.raw.sha256.as_bytes()])),
     ];
-    Ok((fields, pieces(app, segment, bytes, share)).into_response())
+    Ok((fields, pieces(app, segment, bytes, permit)).into_response())
 }
 
-/// The raw bytes, read piece by piece as the client takes them; the share is held until the end.
-fn pieces(app: App, segment: Segment, bytes: u64, share: Share) -> Body {
-    let pieces = unfold((app, segment, 0, share), move |(app, segment, offset, share)| async move {
+/// The raw bytes, read piece by piece as the client takes them; the permit is held until the end.
+fn pieces(app: App, segment: Segment, bytes: u64, permit: ClientPermit) -> Body {
+    let pieces = unfold((app, segment, 0, permit), move |(app, segment, offset, permit)| async move {
         if offset >= bytes {
             return None;
         }
         let piece = app.service.records.raw_piece(&segment, bytes, offset).await;
         // Ends after an error
         let next = piece.as_ref().map_or(bytes, |piece| offset + piece.len() as u64);
-        Some((piece, (app, segment, next, share)))
+        Some((piece, (app, segment, next, permit)))
     });
     // Compression polls once more after the end
     Body::from_stream(pieces.fuse())

@@ -25,7 +25,7 @@ use tokio_rustls::rustls::{self, ServerConfig};
 
 use super::limits::HttpLimits;
 use super::start_error::StartError;
-use crate::http::access::shares::{Client, PeerAddress, Shares};
+use crate::http::access::client::{Client, ClientLimiter, PeerAddress};
 use crate::http::problem::Problem;
 
 /// Maximum number of header fields of a request.
@@ -81,9 +81,9 @@ pub(crate) async fn serve(
     mut stop: oneshot::Receiver<()>,
 ) {
     // A single client leaves a quarter to the others
-    let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
+    let limiter = ClientLimiter::new(limits.connections, limits.connections.saturating_mul(3) / 4);
     // Further connections are closed: one that waited would keep all later ones waiting
-    let reserve = Shares::new(RESERVE, RESERVE_OF_ONE);
+    let reserve = ClientLimiter::new(RESERVE, RESERVE_OF_ONE);
     // Every connection holds a receiver until it ends or becomes a WebSocket.
     let is_ending = watch::Sender::new(false);
     loop {
@@ -103,16 +103,16 @@ pub(crate) async fn serve(
         let (router, tls, limits, ending) =
             (router.clone(), tls.clone(), Arc::clone(&limits), is_ending.subscribe());
         let client = Client::Address(Some(from));
-        let (place, is_in_reserve) = match places.take(client.clone()) {
-            Some(place) => (place, false),
-            None => match reserve.take(client) {
-                Some(place) => (place, true),
+        let (permit, is_in_reserve) = match limiter.try_acquire(client.clone()) {
+            Some(permit) => (permit, false),
+            None => match reserve.try_acquire(client) {
+                Some(permit) => (permit, true),
                 None => continue,
             },
         };
         let peer = Peer { address: from, is_in_reserve };
         tokio::spawn(async move {
-            let _place = place;
+            let _permit = permit;
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
                 return serve_connection(stream, router, &limits, peer, ending).await;

@@ -15,7 +15,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{RwLock, oneshot};
 use tokio::task::JoinHandle;
 
-use super::access::shares::Shares;
+use super::access::client::ClientLimiter;
 use super::access::tokens::Tokens;
 use super::access::{Access, AuthPolicy};
 use super::app::App;
@@ -209,7 +209,7 @@ async fn start_as(
         uploads: uploads.into(),
         lines: Arc::default(),
         previews: Arc::default(),
-        event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
+        event_stream_limiter: ClientLimiter::new(limits.connections / 2, limits.connections / 4),
         write_probe: Arc::default(),
         queue_watch: Arc::default(),
         changes: Arc::default(),

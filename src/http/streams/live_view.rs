@@ -14,8 +14,8 @@ use tokio::sync::watch;
 use super::StreamName;
 use crate::asset::DEFAULT_STREAM;
 use crate::http::access::TokenWatch;
+use crate::http::access::client::{Client, ClientPermit};
 use crate::http::access::session::Caller;
-use crate::http::access::shares::{Client, Share};
 use crate::http::app::App;
 use crate::http::events;
 use crate::http::problem::Problem;
@@ -75,12 +75,12 @@ pub(crate) async fn watch(
     caller: Option<Extension<Caller>>,
 ) -> Result<Response, Problem> {
     let name = params.name.as_deref().unwrap_or(DEFAULT_STREAM);
-    let Some(share) = app.event_streams.take(client) else {
+    let Some(permit) = app.event_stream_limiter.try_acquire(client) else {
         return Ok(events::too_many());
     };
     let viewer = app.service.streams.watch(&asset, name).await?;
     let token = TokenWatch::new(app.access, caller.map(|Extension(caller)| caller));
-    let view = View { viewer, token, over: app.service.streams.watch_end(), _share: share };
+    let view = View { viewer, token, over: app.service.streams.watch_end(), _permit: permit };
     let events = unfold(view, async |mut view| {
         let event = view.next().await?;
         Some((Ok::<_, Infallible>(event), view))
@@ -93,7 +93,7 @@ struct View {
     viewer: StreamViewer,
     token: TokenWatch,
     over: watch::Receiver<bool>,
-    _share: Share,
+    _permit: ClientPermit,
 }
 
 impl View {

@@ -23,9 +23,9 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
 use super::access::TokenWatch;
+use super::access::client::{Client, ClientPermit};
 use super::access::issued_tokens::by;
 use super::access::session::Caller;
-use super::access::shares::{Client, Share};
 use super::app::App;
 use super::problem::Problem;
 use super::request::body::{self, BodySource};
@@ -170,7 +170,7 @@ impl StreamParameters {
 /// An open stream, with its place in the limit on streams.
 pub(super) struct OpenStream {
     pub(super) sender: StreamSender,
-    pub(super) share: Share,
+    pub(super) permit: ClientPermit,
 }
 
 async fn open(
@@ -184,9 +184,9 @@ async fn open(
     }
     let format = params.format()?;
     let too_many = || Problem::busy("too many live streams of this client or in total", 30);
-    let share = app.service.stream_places.take(client).ok_or_else(too_many)?;
+    let permit = app.service.stream_limiter.try_acquire(client).ok_or_else(too_many)?;
     let sender = app.service.streams.open(asset, params.name(), format, params.first_index).await?;
-    Ok(OpenStream { sender, share })
+    Ok(OpenStream { sender, permit })
 }
 
 /// Send a live stream, or get its status
@@ -264,7 +264,7 @@ pub(super) async fn send(
     let missing = || Problem::query("first_index", "missing", "an index, required with after_gap");
     let after_gap = params.after_gap.then(|| params.first_index.ok_or_else(missing)).transpose()?;
     let mut start_time_ns = params.start_time.map(nanoseconds).transpose()?;
-    let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
+    let OpenStream { mut sender, permit: _permit } = open(&app, &asset, &params, client).await?;
     let (mut gaps, stored_to) = (Vec::new(), sender.next());
     if let Some(first) = after_gap {
         gaps.extend(sender.declare_lost_before(first).await?.gaps);

@@ -135,7 +135,7 @@ pub(crate) fn answer(
     let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
     upgrade.on_upgrade(async move |socket| {
         let over = app.service.streams.watch_end();
-        let OpenStream { sender, share: _share } = stream;
+        let OpenStream { sender, permit: _permit } = stream;
         let token = TokenWatch::new(app.access, caller);
         let connection = Connection { token, sender, over, checked_at: Instant::now() };
         connection.run(socket).await;

@@ -15,7 +15,7 @@ use super::UploadAnswer;
 use super::piece_reader::PieceReader;
 use super::resumable_upload::ResumableUpload;
 use crate::asset::AssetId;
-use crate::http::access::shares::Client;
+use crate::http::access::client::Client;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body::BodySource;

@@ -15,7 +15,7 @@ use base64::engine::general_purpose::STANDARD_NO_PAD;
 use super::resumable;
 use super::resumable_upload::ResumableUpload;
 use crate::asset::AssetId;
-use crate::http::access::shares::Client;
+use crate::http::access::client::Client;
 use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::body;

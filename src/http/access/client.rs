@@ -1,4 +1,4 @@
-//! The client of a request, which has a share of limited resources.
+//! The client of a request, to which limits of resources apply.
 
 use std::convert::Infallible;
 use std::net::IpAddr;
@@ -7,7 +7,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 
 use super::session::Caller;
-pub(crate) use crate::service::{Client, Share, Shares};
+pub(crate) use crate::service::{Client, ClientLimiter, ClientPermit};
 
 /// The peer address of a connection.
 #[derive(Debug, Clone, Copy)]

@@ -1,4 +1,4 @@
-//! Fair shares: which partitions a worker releases or claims.
+//! Rebalancing: which partitions a worker releases or claims.
 //!
 //! Every worker computes this for itself from the rows in the store. Shares add up to all partitions, so
 //! workers that read the same rows agree without a leader.
@@ -11,14 +11,14 @@ use crate::store::PartitionOwners;
 
 /// The changes that bring a worker to its share.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Changes {
+pub(super) struct Rebalance {
     /// Owned partitions for others.
     pub(super) release: Vec<u16>,
     /// Partitions without an owner.
     pub(super) claim: Vec<u16>,
 }
 
-impl Changes {
+impl Rebalance {
     /// Computes the changes of a worker, which is among the owners.
     pub(super) fn of(worker: &str, owners: &PartitionOwners) -> Self {
         let (count, total) = (owners.len().max(1), usize::from(PARTITIONS));
@@ -59,7 +59,7 @@ mod tests {
     fn step(owners: &mut PartitionOwners, at_once: bool) -> usize {
         let (before, mut claimed) = (owners.clone(), 0);
         for name in before.keys() {
-            let changes = Changes::of(name, if at_once { &before } else { owners });
+            let changes = Rebalance::of(name, if at_once { &before } else { owners });
             let taken: BTreeSet<u16> = owners.values().flatten().copied().collect();
             let owned = owners.get_mut(name).unwrap();
             for partition in changes.release {
