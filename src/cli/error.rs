@@ -76,7 +76,7 @@ pub enum CliError {
     Server {
         /// The address.
         url: String,
-        /// The connection error, or the server's answer.
+        /// The connection error, or the server's response.
         reason: String,
     },
 }

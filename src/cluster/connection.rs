@@ -14,7 +14,7 @@ use crate::settings::SettingError;
 pub(super) const ANY_SUBJECT: &str = ">";
 
 /// Timeout of JetStream requests.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Maximum number of unacknowledged messages of one process.
 const MAX_UNACKNOWLEDGED: usize = 1024;
@@ -75,20 +75,20 @@ impl Connection {
         let client =
             connected.map_err(|source| ClusterError::Connect { urls: settings.urls.join(", "), source })?;
         let jetstream = ContextBuilder::new()
-            .timeout(ANSWER_TIMEOUT)
+            .timeout(RESPONSE_TIMEOUT)
             .max_ack_inflight(MAX_UNACKNOWLEDGED)
             .build(client.clone());
         Ok(Self { client, jetstream, settings })
     }
 
-    /// Waits for the connection; fails if there is none within [`ANSWER_TIMEOUT`].
+    /// Waits for the connection; fails if there is none within [`RESPONSE_TIMEOUT`].
     pub(super) async fn wait_until_connected(&self) -> Result<(), ClusterError> {
         let connected = async {
             while self.fault().is_some() {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
         };
-        let waited = tokio::time::timeout(ANSWER_TIMEOUT, connected).await;
+        let waited = tokio::time::timeout(RESPONSE_TIMEOUT, connected).await;
         waited.map_err(|_| {
             let urls = self.settings.urls.join(", ");
             ClusterError::jetstream("connect")(format!("no server answers at {urls}").into())

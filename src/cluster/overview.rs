@@ -101,16 +101,16 @@ async fn workers(connection: &Connection) -> Result<Vec<WorkerOverview>, Cluster
     let failed = || ClusterError::jetstream("query the workers");
     let client = &connection.client;
     let inbox = client.new_inbox();
-    let mut answers = client.subscribe(inbox.clone()).await.map_err(|error| failed()(error.into()))?;
+    let mut replies = client.subscribe(inbox.clone()).await.map_err(|error| failed()(error.into()))?;
     let published = client.publish_with_reply(connection.workers_subject(), inbox, "".into()).await;
     published.map_err(|error| failed()(error.into()))?;
     let mut workers = Vec::new();
     let collect = async {
-        while let Some(answer) = answers.next().await {
-            match serde_json::from_slice(&answer.payload) {
+        while let Some(reply) = replies.next().await {
+            match serde_json::from_slice(&reply.payload) {
                 Ok(worker) => workers.push(worker),
                 // The server's notice that there are no responders.
-                Err(_) if answer.payload.is_empty() => return,
+                Err(_) if reply.payload.is_empty() => return,
                 Err(error) => tracing::debug!(%error, "failed to read the response of a worker"),
             }
         }

@@ -163,7 +163,7 @@ pub(super) async fn show(
         let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
         if let Some(last) = segments.last() {
-            let _ticket = app.service.workers.admit_answer()?;
+            let _ticket = app.service.workers.admit_response()?;
             report.last_spectrum = match app.service.records.spectrum(last).await {
                 Err(error) if error.is_raw_unavailable() => None,
                 spectrum => Some(spectrum?.0),

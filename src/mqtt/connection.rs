@@ -181,8 +181,8 @@ impl<'a> Connection<'a> {
                 Err(error) => return End::Lost(error.to_string()),
             };
             match event {
-                Event::Incoming(Packet::ConnAck(answer)) => {
-                    if answer.session_present {
+                Event::Incoming(Packet::ConnAck(ack)) => {
+                    if ack.session_present {
                         // The session's messages arrive before the acknowledgement of the subscription.
                         self.feed.connected();
                     }
@@ -190,8 +190,8 @@ impl<'a> Connection<'a> {
                         return End::Lost(error);
                     }
                 }
-                Event::Incoming(Packet::SubAck(answer)) => {
-                    if let Some(code) = answer
+                Event::Incoming(Packet::SubAck(ack)) => {
+                    if let Some(code) = ack
                         .return_codes
                         .iter()
                         .find(|code| !matches!(code, SubscribeReasonCode::Success(QoS::AtLeastOnce)))
@@ -210,8 +210,8 @@ impl<'a> Connection<'a> {
                 }
                 Event::Incoming(Packet::Publish(publish)) => self.receive(publish).await,
                 Event::Outgoing(Outgoing::Publish(packet_id)) => self.rejections.sent(packet_id),
-                Event::Incoming(Packet::PubAck(answer)) => {
-                    if let Some((publish, error)) = self.rejections.acknowledged(&answer) {
+                Event::Incoming(Packet::PubAck(ack)) => {
+                    if let Some((publish, error)) = self.rejections.acknowledged(&ack) {
                         if let Some(reason) = error {
                             let topic = String::from_utf8_lossy(&publish.topic);
                             tracing::error!(%topic, ?reason, "failed to publish the rejection of a message");

@@ -64,11 +64,10 @@ impl PendingRejections {
 
     /// Handles an acknowledgement of the broker. Returns the rejected message, which can be acknowledged now,
     /// and the broker's reason if it did not accept the rejection.
-    pub(super) fn acknowledged(&self, answer: &PubAck) -> Option<(Publish, Option<PubAckReason>)> {
-        let rejected = self.lock().sent.remove(&answer.pkid)?;
-        let is_accepted =
-            matches!(answer.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);
-        Some((rejected, (!is_accepted).then_some(answer.reason)))
+    pub(super) fn acknowledged(&self, ack: &PubAck) -> Option<(Publish, Option<PubAckReason>)> {
+        let rejected = self.lock().sent.remove(&ack.pkid)?;
+        let is_accepted = matches!(ack.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);
+        Some((rejected, (!is_accepted).then_some(ack.reason)))
     }
 
     /// Whether the broker has acknowledged all rejections.

@@ -43,7 +43,7 @@ impl Webhook {
     pub(super) fn send(&self, id: &str, body: &str, now: Timestamp) -> Result<(), NotificationError> {
         let seconds = now.as_second();
         let signature = signature(&key(&self.secret)?, id, seconds, body);
-        let answer = self
+        let response = self
             .agent
             .post(&self.url)
             .header("content-type", "application/json")
@@ -52,7 +52,7 @@ impl Webhook {
             .header("webhook-signature", signature)
             .send(body)
             .map_err(Box::new)?;
-        let status = answer.status();
+        let status = response.status();
         if status.is_success() { Ok(()) } else { Err(NotificationError::Status(status.as_u16())) }
     }
 }

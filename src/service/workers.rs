@@ -42,7 +42,7 @@ pub struct Workers {
     /// their memory (glibc's arenas), and there are many threads for blocking work.
     reader: rayon::ThreadPool,
     requests: Arc<Semaphore>,
-    answers: Arc<Semaphore>,
+    responses: Arc<Semaphore>,
     recordings: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
     /// Kibibytes of stored records that may be in memory at the same time.
@@ -68,7 +68,7 @@ impl Workers {
             first: threads(limits.workers, "first")?,
             reader: threads(1, "reader")?,
             requests: Arc::new(Semaphore::new(limits.requests_at_once)),
-            answers: Arc::new(Semaphore::new(limits.requests_at_once)),
+            responses: Arc::new(Semaphore::new(limits.requests_at_once)),
             recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
             kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
             stored_kibibytes: Arc::new(Semaphore::new(stored_kibibytes(limits) as usize)),
@@ -96,8 +96,8 @@ impl Workers {
 
     /// Admits one more response computed from stored records, or returns [`ServiceError::Busy`] at once. The
     /// limit is separate, so that slow uploads do not block reads.
-    pub fn admit_answer(&self) -> Result<Ticket, ServiceError> {
-        self.admit_to(&self.answers, "too many spectra and recordings are being requested")
+    pub fn admit_response(&self) -> Result<Ticket, ServiceError> {
+        self.admit_to(&self.responses, "too many spectra and recordings are being requested")
     }
 
     fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, ServiceError> {

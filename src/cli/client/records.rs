@@ -70,9 +70,9 @@ pub(in crate::cli) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliErro
         "time": args.from, "until": args.to, "kind": "baseline_chosen", "by": args.by,
     });
     let request = args.server.authorized(agent.post(&url)).content_type("application/json");
-    let answer = success_body(&url, request.send(event.to_string()))?;
-    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap_or_default();
-    let records = answer["records"].as_u64().unwrap_or_default();
+    let response = success_body(&url, request.send(event.to_string()))?;
+    let response: serde_json::Value = serde_json::from_str(&response).unwrap_or_default();
+    let records = response["records"].as_u64().unwrap_or_default();
     let least = u64::from(BaselineSpec::MIN_RECORDS);
     if records < least {
         output::note(&format!(
@@ -121,13 +121,13 @@ pub(in crate::cli) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliE
         Change::Include => args.complete(agent.post(format!("{url}/include"))).send_empty(),
     };
     let body = success_body(&url, result)?;
-    let answer: Option<serde_json::Value> = serde_json::from_str(&body).ok();
+    let response: Option<serde_json::Value> = serde_json::from_str(&body).ok();
     let (name, done) = match change {
         Change::Delete => ("deleted", "deleted"),
         Change::Exclude => ("changed", "excluded"),
         Change::Include => ("changed", "included"),
     };
-    let count = answer.and_then(|answer| answer[name].as_u64()).unwrap_or(1);
+    let count = response.and_then(|response| response[name].as_u64()).unwrap_or(1);
     let records = if count == 1 { "record" } else { "records" };
     output::print(&format!("{count} {records} {done}\n"))
 }

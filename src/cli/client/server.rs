@@ -69,14 +69,14 @@ fn server_url(text: &str) -> Result<String, String> {
     }
 }
 
-/// Describes an unsuccessful answer: its status, and the detail of the problem if its body is one.
+/// Describes an unsuccessful response: its status, and the detail of the problem if its body is one.
 pub(super) fn refusal(status: u16, body: &str) -> String {
     let problem = serde_json::from_str::<serde_json::Value>(body).ok();
     let detail = problem.as_ref().and_then(|problem| problem["detail"].as_str()).unwrap_or(body.trim());
     format!("the server answered {status}: {detail}")
 }
 
-/// Describes why a request has no answer; also returns whether another attempt may have one.
+/// Describes why a request has no response; also returns whether another attempt may have one.
 pub(super) fn failure(error: &ureq::Error) -> (String, bool) {
     let of_tls = match error {
         ureq::Error::Rustls(error) => Some(error),

@@ -119,8 +119,8 @@ pub(crate) async fn create(
     let issued = tokens.issue(&name, scope, app.service.now()).await;
     let (token, stored) = issued.map_err(|error| unreadable(&error))?;
     tracing::info!(token = stored.id, scope = json_name(&scope), by = by(caller.as_deref()), "created token");
-    let answer = NewToken { stored, token };
-    Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
+    let response = NewToken { stored, token };
+    Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(response)).into_response())
 }
 
 /// Revoke a token

@@ -20,7 +20,7 @@ const MAX_AGE: Duration = Duration::from_secs(2);
 const MAX_AGE_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
 
 /// Timeout of the database.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The tokens of a service.
 #[derive(Debug)]
@@ -67,7 +67,7 @@ impl Tokens {
             return Ok(tokens);
         }
         let version = self.store.version()?;
-        let result = tokio::time::timeout(ANSWER_TIMEOUT, self.read()).await;
+        let result = tokio::time::timeout(RESPONSE_TIMEOUT, self.read()).await;
         let result = result.unwrap_or(Err(TokenError::Silent));
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         match result {

@@ -93,7 +93,7 @@ pub(super) async fn export(
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
     app.service.store.asset(&asset).await?;
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     match write_export(&app, &asset, &params, spectra, &app.uploads).await {
         // Stored data can be exported even if the disk of the data folder is full
         Err(problem) if problem.is_no_room() => {

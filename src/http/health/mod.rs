@@ -21,7 +21,7 @@ use super::problem::Problem;
 use super::request::query::Parameters;
 use super::server::start_error::StartError;
 use crate::service::Service;
-use write_probe::{ANSWER_TIMEOUT, WriteProbe};
+use write_probe::{RESPONSE_TIMEOUT, WriteProbe};
 
 /// The process is alive.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -127,7 +127,7 @@ pub(super) async fn ready(
 }
 
 async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose) -> Response {
-    let database = tokio::time::timeout(ANSWER_TIMEOUT, service.store.check()).await;
+    let database = tokio::time::timeout(RESPONSE_TIMEOUT, service.store.check()).await;
     let mut database = match database {
         Ok(Ok(())) => None,
         Ok(Err(error)) => Some(error.to_string()),

@@ -9,7 +9,7 @@ use crate::service::{PartHealth, Service};
 use crate::store::StoreError;
 
 /// Timeout after which a part counts as unavailable.
-pub(crate) const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Time for which a result is reused, however often it is requested.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
@@ -66,7 +66,7 @@ async fn write(service: &Arc<Service>) -> Writability {
 }
 
 async fn database(service: &Service) -> Option<String> {
-    match tokio::time::timeout(ANSWER_TIMEOUT, service.store.check_writable(service.now())).await {
+    match tokio::time::timeout(RESPONSE_TIMEOUT, service.store.check_writable(service.now())).await {
         Ok(Ok(())) => None,
         Ok(Err(error)) => Some(error.to_string()),
         Err(_) => Some("does not answer".to_owned()),
@@ -96,7 +96,7 @@ async fn object_store(service: &Service) -> Option<PartHealth> {
 }
 
 async fn on_objects(look: impl FnOnce() -> Result<(), StoreError> + Send + 'static) -> Option<String> {
-    match tokio::time::timeout(ANSWER_TIMEOUT, tokio::task::spawn_blocking(look)).await {
+    match tokio::time::timeout(RESPONSE_TIMEOUT, tokio::task::spawn_blocking(look)).await {
         Ok(Ok(Ok(()))) => None,
         Ok(Ok(Err(error))) => Some(error.to_string()),
         Ok(Err(error)) => Some(error.to_string()),

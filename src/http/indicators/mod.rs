@@ -98,7 +98,7 @@ pub(super) async fn trend(
     let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let Some(channel) = channel else {
         check(&BTreeMap::new())?;
-        return table::answer(tag, format, TrendView::default(), table_of);
+        return table::respond(tag, format, TrendView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
     check(&trend.indicators)?;
@@ -109,7 +109,7 @@ pub(super) async fn trend(
     };
     let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(tag, format, view, table_of)
+    table::respond(tag, format, view, table_of)
 }
 
 /// Rejects names that are neither indicators nor have values from before a change of the bands.

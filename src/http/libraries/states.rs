@@ -135,7 +135,7 @@ pub(crate) async fn flank(
     if !(0.0..=max_um).contains(&wear_um) {
         return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {max_um} µm")));
     }
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| {
         Problem::query("wear_um", wear_um, &format!("a depth possible for these teeth: {error}"))

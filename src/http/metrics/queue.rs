@@ -15,7 +15,7 @@ use crate::service::{QueueOverview, Service};
 const KNOWN_FOR: Duration = Duration::from_secs(5);
 
 /// Timeout of the queue's server.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(4);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// The latest overview of the queue.
 #[derive(Debug, Default)]
@@ -40,7 +40,7 @@ impl QueueWatch {
         {
             return found.clone();
         }
-        let found = match tokio::time::timeout(ANSWER_TIMEOUT, queue.overview()).await {
+        let found = match tokio::time::timeout(RESPONSE_TIMEOUT, queue.overview()).await {
             Ok(Ok(found)) => Some(found),
             Ok(Err(error)) => {
                 tracing::debug!(%error, "failed to read the queue status");

@@ -28,7 +28,7 @@ struct RouteMeasurements {
     latency: [u64; BOUNDS_S.len() + 1],
     latency_sum_s: f64,
     /// Responses by the first digit of the status.
-    answers: BTreeMap<u16, u64>,
+    responses: BTreeMap<u16, u64>,
 }
 
 impl Measurements {
@@ -42,7 +42,7 @@ impl Measurements {
         let measured = by_route.entry((method.to_owned(), route.to_owned())).or_default();
         measured.latency[BOUNDS_S.partition_point(|bound| *bound < took_s)] += 1;
         measured.latency_sum_s += took_s;
-        *measured.answers.entry(status.as_u16() / 100).or_default() += 1;
+        *measured.responses.entry(status.as_u16() / 100).or_default() += 1;
     }
 
     /// Writes the metrics.
@@ -50,7 +50,7 @@ impl Measurements {
         let by_route = &self.by_route.lock().unwrap_or_else(PoisonError::into_inner).clone();
         text.head("flankwatch_requests_total", "counter", "Requests answered, by status class.");
         for ((method, route), measured) in by_route {
-            for (class, count) in &measured.answers {
+            for (class, count) in &measured.responses {
                 let class = format!("{class}xx");
                 text.line(
                     "flankwatch_requests_total",

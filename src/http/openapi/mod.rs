@@ -152,18 +152,18 @@ fn add_problems(path: &str, operation: &mut Value) {
     if path.ends_with("/export") {
         problems.extend(WITH_FILE);
     }
-    let Some(answers) = operation["responses"].as_object_mut() else { return };
+    let Some(responses) = operation["responses"].as_object_mut() else { return };
     for (status, description) in problems {
-        answers.entry(status).or_insert_with(|| json!({ "description": description }));
+        responses.entry(status).or_insert_with(|| json!({ "description": description }));
     }
-    for (status, answer) in answers {
-        if answer["description"].as_str().is_none_or(str::is_empty) {
+    for (status, response) in responses {
+        if response["description"].as_str().is_none_or(str::is_empty) {
             let status = status.parse().ok().and_then(|code| StatusCode::from_u16(code).ok());
-            answer["description"] = json!(status.and_then(|status| status.canonical_reason()));
+            response["description"] = json!(status.and_then(|status| status.canonical_reason()));
         }
-        if status.starts_with(['4', '5']) && answer.get("content").is_none() {
+        if status.starts_with(['4', '5']) && response.get("content").is_none() {
             let schema = json!({ "$ref": "#/components/schemas/Problem" });
-            answer["content"] = json!({ "application/problem+json": { "schema": schema } });
+            response["content"] = json!({ "application/problem+json": { "schema": schema } });
         }
     }
 }

@@ -75,10 +75,10 @@ pub(super) async fn preview(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<Preview>, Problem> {
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let request: Request = body::json_body(&app.limits, &headers, body).await?;
     let models = app.previews.clone();
-    let answer = app.service.workers.run("preview a gear pair", move || {
+    let response = app.service.workers.run("preview a gear pair", move || {
         let mut refusals = refusals_beside_pair(&request.gear);
         let Some(pair) = &request.gear.pair else {
             return Preview { refusals, geometry: None, max_wear_um: None, model: None };
@@ -112,7 +112,7 @@ pub(super) async fn preview(
             model,
         }
     });
-    Ok(Json(answer.await?))
+    Ok(Json(response.await?))
 }
 
 /// Reasons to refuse an asset with this mesh, besides the pair's own numbers.

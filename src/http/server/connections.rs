@@ -168,14 +168,14 @@ async fn serve_connection(
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
     let router = TowerToHyperService::new(router);
-    let answer = move |mut request: Request<Incoming>| {
+    let respond = move |mut request: Request<Incoming>| {
         let refusal = peer.refusal(request.uri().path());
         request.extensions_mut().insert(PeerAddress(peer.address));
-        let answered = refusal.is_none().then(|| router.call(request));
+        let routed = refusal.is_none().then(|| router.call(request));
         async move {
-            let response = match (refusal, answered) {
+            let response = match (refusal, routed) {
                 (Some(refusal), _) => refusal,
-                (None, Some(answered)) => answered.await?,
+                (None, Some(routed)) => routed.await?,
                 (None, None) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
             };
             Ok::<_, Infallible>(if peer.is_in_reserve { closing(response) } else { response })
@@ -186,7 +186,7 @@ async fn serve_connection(
         .header_read_timeout(peer.header_timeout(limits))
         .max_buf_size(limits.header_bytes)
         .max_headers(MAX_HEADERS)
-        .serve_connection(TokioIo::new(Box::pin(stream)), service_fn(answer))
+        .serve_connection(TokioIo::new(Box::pin(stream)), service_fn(respond))
         .with_upgrades();
     let mut connection = std::pin::pin!(connection);
     let ended = tokio::select! {

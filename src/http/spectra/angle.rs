@@ -84,7 +84,7 @@ pub(crate) async fn orders(
     let range = LineRange::new(["from_order", "to_order"], params.from_order, params.to_order)?;
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let computed = app.service.records.analyse_stored(
         &segment,
         "compute an order spectrum",
@@ -183,7 +183,7 @@ pub(crate) async fn turn(
     if gear == Gear::Driven && teeth.is_none() {
         return Err(Problem::query("gear", number, "1: the machine has no mesh, so it has no driven gear"));
     }
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let computed = app
         .service
         .records

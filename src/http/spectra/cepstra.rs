@@ -71,7 +71,7 @@ pub(crate) async fn cepstrum(
     };
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let computed =
         app.service
             .records

@@ -155,7 +155,7 @@ pub(crate) async fn show(
         Axis::Hz => latest_speed.map(|speed| speed.mesh_frequency_hz).filter(|mesh_hz| *mesh_hz > 0.0),
     };
     view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let lines = lines(&app, &segments, grid).await?;
     view.items = segments
         .into_iter()

@@ -93,7 +93,7 @@ pub(crate) async fn waveform(
             format!("none, as the samples are in {:?}, which is not a unit of motion", segment.unit);
         return Err(Problem::query("quantity", "given", &expected));
     }
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let record = app.service.records.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
@@ -192,7 +192,7 @@ pub(crate) async fn spectrum(
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
     let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let baseline = matching::complete_baseline(&app, &segment).await?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     let mut view = view(segment, spectrum, lines, max_points, range);
@@ -264,7 +264,7 @@ pub(crate) async fn envelope(
         (None, Some(ends)) => BandChoice::Hertz(ends),
         (None, None) => BandChoice::OfAsset,
     };
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let computed = app.service.records.envelope(&segment, band).await;
     let envelope = computed.map_err(|error| envelope_band::refusal(error, band))?;
     Ok(Json(EnvelopeView {

@@ -11,7 +11,7 @@ use crate::http::app::App;
 use crate::http::problem::Problem;
 use crate::http::request::query::{AssetPath, Parameters};
 
-/// Maximum number of seconds of levels per answer.
+/// Maximum number of seconds of levels per response.
 const MAX_LEVELS: usize = 100_000;
 
 /// The requested levels.

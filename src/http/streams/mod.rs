@@ -225,7 +225,7 @@ pub(super) async fn connect(
         Err(problem) => return Ok(closing(problem.into_response())),
     };
     let caller = caller.map(|Extension(caller)| caller);
-    Ok(socket::answer(upgrade, app, stream, caller))
+    Ok(socket::upgrade(upgrade, app, stream, caller))
 }
 
 /// Send a part of a live stream

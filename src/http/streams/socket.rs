@@ -125,15 +125,15 @@ impl From<ServiceError> for Closing {
     }
 }
 
-/// Answers a request that starts a stream.
-pub(crate) fn answer(
-    upgrade: WebSocketUpgrade,
+/// Upgrades a request that starts a stream to a WebSocket.
+pub(crate) fn upgrade(
+    request: WebSocketUpgrade,
     app: App,
     stream: OpenStream,
     caller: Option<Caller>,
 ) -> Response {
-    let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
-    upgrade.on_upgrade(async move |socket| {
+    let request = request.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
+    request.on_upgrade(async move |socket| {
         let over = app.service.streams.watch_end();
         let OpenStream { sender, permit: _permit } = stream;
         let token = TokenWatch::new(app.access, caller);
@@ -161,7 +161,7 @@ impl Connection {
         let frame = CloseFrame { code: closing.code, reason: reason.into() };
         let farewell = async {
             let _ = socket.send(Message::Close(Some(frame))).await;
-            // Wait for the client's answer, which shows that it has read the reason
+            // Wait for the response of the client, which shows that it has read the reason
             while let Some(Ok(message)) = socket.recv().await {
                 if matches!(message, Message::Close(_)) {
                     break;

@@ -125,7 +125,7 @@ impl Table {
 }
 
 /// Responds in the requested format, with an entity tag.
-pub(super) fn answer<T: Serialize>(
+pub(super) fn respond<T: Serialize>(
     etag: HeaderValue,
     format: Format,
     view: T,

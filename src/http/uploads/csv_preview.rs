@@ -119,7 +119,7 @@ pub(crate) async fn csv_preview(
         return Err(body::unsupported(media_type.as_deref(), "text/csv"));
     }
     let layout = params.layout()?;
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let lines = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let preview = move || CsvPreview::of(&lines, layout, STRETCHES);
     let preview = app.service.workers.run("preview a CSV file", preview).await??;

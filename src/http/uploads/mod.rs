@@ -139,7 +139,7 @@ pub(super) async fn upload(
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
     let upload = Upload { app: &app, asset: &asset, params, key };
-    upload.answer(media_type.as_deref(), &headers, body).await
+    upload.respond(media_type.as_deref(), &headers, body).await
 }
 
 struct Upload<'a> {
@@ -152,23 +152,23 @@ struct Upload<'a> {
 /// A response and its origin.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Answered {
+enum UploadResponse {
     /// A new response.
-    Now(UploadAnswer),
+    New(UploadAnswer),
     /// The stored response of an earlier upload with the same key.
-    Before(Value),
+    Repeated(Value),
 }
 
 impl Upload<'_> {
-    async fn answer(
+    async fn respond(
         self,
         media_type: Option<&str>,
         headers: &HeaderMap,
         body: Body,
     ) -> Result<Response, Problem> {
-        let answer = self.take(media_type, headers, body).await?;
-        let mut response = (StatusCode::CREATED, Json(&answer)).into_response();
-        if matches!(answer, Answered::Before(_)) {
+        let outcome = self.take(media_type, headers, body).await?;
+        let mut response = (StatusCode::CREATED, Json(&outcome)).into_response();
+        if matches!(outcome, UploadResponse::Repeated(_)) {
             let name = HeaderName::from_static("idempotency-replayed");
             response.headers_mut().insert(name, HeaderValue::from_static("true"));
         }
@@ -180,7 +180,7 @@ impl Upload<'_> {
         media_type: Option<&str>,
         headers: &HeaderMap,
         body: Body,
-    ) -> Result<Answered, Problem> {
+    ) -> Result<UploadResponse, Problem> {
         if media_type == Some(MCAP) {
             return self.take_mcap(headers, body).await;
         }
@@ -194,8 +194,8 @@ impl Upload<'_> {
         let mut metadata = self.params.metadata()?;
         if self.key.is_some() {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
-            if let Some(answer) = self.answer_before(&first).await? {
-                return Ok(answer);
+            if let Some(response) = self.earlier_response(&first).await? {
+                return Ok(response);
             }
             metadata.start_time = Some(metadata.start_time.unwrap_or(first.received_at));
         }
@@ -210,42 +210,42 @@ impl Upload<'_> {
                 }
             })
         };
-        self.store_answer(work).await
+        self.store_response(work).await
     }
 
     /// Processes an upload and stores its response for repeats with the same key.
-    async fn store_answer(
+    async fn store_response(
         &self,
         work: impl Future<Output = Result<UploadAnswer, Problem>>,
-    ) -> Result<Answered, Problem> {
-        let answer = work.await?;
+    ) -> Result<UploadResponse, Problem> {
+        let response = work.await?;
         if let Some(key) = &self.key
-            && let Ok(text) = serde_json::to_string(&answer)
+            && let Ok(text) = serde_json::to_string(&response)
             && let Some(first) = self.app.service.store.finish_upload(self.asset, key, &text).await?
             && let Ok(first) = serde_json::from_str(&first)
         {
-            return Ok(Answered::Before(first));
+            return Ok(UploadResponse::Repeated(first));
         }
-        Ok(Answered::Now(answer))
+        Ok(UploadResponse::New(response))
     }
 
-    async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
+    async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<UploadResponse, Problem> {
         let app = self.app;
         let names = self.params.channels_of_recording()?;
         let ticket = app.service.workers.admit()?;
         let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
         if self.key.is_some()
-            && let Some(answer) = self.answer_before(&self.begin(MCAP, spooled.sha256()).await?).await?
+            && let Some(response) = self.earlier_response(&self.begin(MCAP, spooled.sha256()).await?).await?
         {
-            return Ok(answer);
+            return Ok(response);
         }
         let work = async {
             let path = spooled.path().to_path_buf();
-            let answer = take_recording(app, self.asset, names, move || File::open(path)).await;
+            let response = take_recording(app, self.asset, names, move || File::open(path)).await;
             drop((spooled, ticket));
-            answer
+            response
         };
-        self.store_answer(work).await
+        self.store_response(work).await
     }
 
     /// Returns the state of this upload's key, and claims the key if it is new.
@@ -267,24 +267,25 @@ impl Upload<'_> {
 
     /// The stored response of an earlier upload. If one of its segments was deleted, the response is forgotten
     /// and the upload is processed again.
-    async fn answer_before(&self, first: &KeyedUpload) -> Result<Option<Answered>, Problem> {
-        let Some(answer) = first.answer.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok())
+    async fn earlier_response(&self, first: &KeyedUpload) -> Result<Option<UploadResponse>, Problem> {
+        let Some(response) =
+            first.response.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok())
         else {
             return Ok(None);
         };
-        let (store, ids) = (&self.app.service.store, stored_in(&answer));
+        let (store, ids) = (&self.app.service.store, stored_in(&response));
         if store.segments_by_id(&ids).await?.len() == ids.len() {
-            return Ok(Some(Answered::Before(answer)));
+            return Ok(Some(UploadResponse::Repeated(response)));
         }
-        store.forget_answer(self.asset, self.key.as_deref().unwrap_or_default()).await?;
+        store.forget_response(self.asset, self.key.as_deref().unwrap_or_default()).await?;
         Ok(None)
     }
 }
 
 /// The segments that a stored response says are stored.
-fn stored_in(answer: &Value) -> Vec<SegmentId> {
-    let one = std::slice::from_ref(answer);
-    let all = answer["segments"].as_array().map_or(one, Vec::as_slice);
+fn stored_in(response: &Value) -> Vec<SegmentId> {
+    let one = std::slice::from_ref(response);
+    let all = response["segments"].as_array().map_or(one, Vec::as_slice);
     // A queued record is not a segment yet
     let stored = all.iter().filter(|segment| segment["state"] != "queued");
     let ids = stored.filter_map(|segment| segment.as_str().or(segment["id"].as_str()));

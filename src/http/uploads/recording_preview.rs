@@ -108,7 +108,7 @@ pub(crate) async fn recording_preview(
     if let Some(rate) = params.sample_rate_hz.filter(|rate| !(1e-6..=1e7).contains(rate)) {
         return Err(Problem::query("sample_rate_hz", rate, "a rate from 0.000001 to 10000000"));
     }
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let bytes = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let defaults = RecordDefaults {
         start_time: Timestamp::UNIX_EPOCH,

@@ -67,7 +67,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
     STANDARD_NO_PAD.decode(text.trim_end_matches('=')).ok()
 }
 
-fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
+fn respond(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
     let mut response = status.into_response();
     // Date format of RFC 9110, as the protocol requires
     let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
@@ -128,7 +128,7 @@ pub(crate) async fn create(
     }
     let upload = resumable::begin(&app, &client, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
-    Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
+    Ok(respond(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
 }
 
 /// Supported tus features
@@ -151,7 +151,7 @@ pub(crate) async fn options(State(app): State<App>) -> Response {
 pub(crate) async fn offset(State(app): State<App>, NamePath(id): NamePath) -> Result<Response, Problem> {
     let upload = resumable::find(&app, &id).await?;
     let more = [(LENGTH, upload.length.to_string()), (header::CACHE_CONTROL, "no-store".to_string())];
-    Ok(answer(StatusCode::OK, &upload, &more))
+    Ok(respond(StatusCode::OK, &upload, &more))
 }
 
 /// Get the result of a resumable upload
@@ -199,7 +199,7 @@ pub(crate) async fn append(
     }
     let at = number(&headers, &OFFSET)?;
     let upload = resumable::append(&app, &id, at, body).await?;
-    Ok(answer(StatusCode::NO_CONTENT, &upload, &[]))
+    Ok(respond(StatusCode::NO_CONTENT, &upload, &[]))
 }
 
 /// Cancel a resumable upload

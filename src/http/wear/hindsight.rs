@@ -73,7 +73,7 @@ pub(crate) async fn hindsight(
     let Some(channel) = channel else {
         return Ok(([(header::ETAG, tag)], Json(HindsightView::default())).into_response());
     };
-    let _ticket = app.service.workers.admit_answer()?;
+    let _ticket = app.service.workers.admit_response()?;
     let estimates = app.service.history.in_hindsight(&channel).await?;
     let rows = estimates.into_iter().filter_map(|(key, wear)| {
         Some(HindsightRow {

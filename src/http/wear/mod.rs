@@ -182,7 +182,7 @@ pub(super) async fn history(
     let format = Format::accepted(&headers);
     let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let Some(channel) = channel else {
-        return table::answer(tag, format, HistoryView::default(), table_of);
+        return table::respond(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
     let render = move || {
@@ -191,7 +191,7 @@ pub(super) async fn history(
     };
     let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(tag, format, view, table_of)
+    table::respond(tag, format, view, table_of)
 }
 
 fn table_of(view: &HistoryView) -> Table {

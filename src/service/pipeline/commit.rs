@@ -42,7 +42,7 @@ pub(crate) struct CommittedSegment {
 pub(crate) struct Job {
     asset: AssetId,
     segments: Vec<NewSegment>,
-    answer: oneshot::Sender<Result<Vec<CommittedSegment>, ServiceError>>,
+    reply: oneshot::Sender<Result<Vec<CommittedSegment>, ServiceError>>,
 }
 
 /// Folds and commits segments, those of many connections together.
@@ -95,15 +95,15 @@ impl Committer {
         asset: &AssetId,
         segments: Vec<NewSegment>,
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
-        let (answer, mut answered) = oneshot::channel();
+        let (reply, mut receiver) = oneshot::channel();
         let queue = &self.queue;
-        queue.push(Job { asset: asset.clone(), segments, answer });
+        queue.push(Job { asset: asset.clone(), segments, reply });
         loop {
             {
-                // The holder of the lock commits for all waiting callers, which then find their answer ready.
+                // The holder of the lock commits for all waiting callers, which then find their reply ready.
                 let _guard = queue.committing.lock().await;
-                if let Ok(answer) = answered.try_recv() {
-                    return answer;
+                if let Ok(reply) = receiver.try_recv() {
+                    return reply;
                 }
                 let jobs = queue.take();
                 if jobs.is_empty() {
@@ -111,8 +111,8 @@ impl Committer {
                 }
                 self.commit_jobs(jobs).await;
             }
-            match answered.try_recv() {
-                Ok(answer) => return answer,
+            match receiver.try_recv() {
+                Ok(reply) => return reply,
                 // The job was not among the first ones.
                 Err(oneshot::error::TryRecvError::Empty) => {}
                 Err(oneshot::error::TryRecvError::Closed) => {
@@ -123,8 +123,8 @@ impl Committer {
     }
 
     async fn commit_jobs(&self, jobs: Vec<Job>) {
-        let (waiting, answers): (Vec<_>, Vec<_>) =
-            jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
+        let (waiting, replies): (Vec<_>, Vec<_>) =
+            jobs.into_iter().map(|job| ((job.asset, job.segments), job.reply)).unzip();
         let outcomes = match self.commit_with_retries(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
@@ -149,9 +149,9 @@ impl Committer {
                 outcomes
             }
         };
-        for (answer, outcome) in answers.into_iter().zip(outcomes) {
+        for (reply, outcome) in replies.into_iter().zip(outcomes) {
             // The caller may be gone; its segments stay stored.
-            let _ = answer.send(outcome);
+            let _ = reply.send(outcome);
         }
     }
 
@@ -230,20 +230,20 @@ impl Committer {
             done.insert(segment.id.clone(), (segment, false));
         }
         // The same record twice in one batch is stored once and gets one response in each job.
-        let answer = |(asset, segments): &(AssetId, Vec<NewSegment>)| {
-            let mut answered = Vec::with_capacity(segments.len());
+        let of_job = |(asset, segments): &(AssetId, Vec<NewSegment>)| {
+            let mut committed = Vec::with_capacity(segments.len());
             for segment in segments {
                 if let Some((segment, repeated)) = done.get_mut(&segment.id) {
-                    answered.push(CommittedSegment {
+                    committed.push(CommittedSegment {
                         segment: segment.clone(),
                         repeated: std::mem::replace(repeated, true),
                         shares_sensor: sharing.contains(asset),
                     });
                 }
             }
-            answered
+            committed
         };
-        Ok(jobs.iter().map(answer).collect())
+        Ok(jobs.iter().map(of_job).collect())
     }
 
     /// Writes the folded segments in one transaction; returns them as stored.

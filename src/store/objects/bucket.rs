@@ -266,8 +266,10 @@ mod tests {
 
     const SILENT: Duration = Duration::from_millis(500);
 
-    /// A bucket whose server answers each connection by `answer`, given its number.
-    fn bucket(answer: impl Fn(u32, BufReader<TcpStream>) + Send + Sync + Clone + 'static) -> Bucket {
+    /// A bucket whose server answers each connection by `handle_connection`, given its number.
+    fn bucket(
+        handle_connection: impl Fn(u32, BufReader<TcpStream>) + Send + Sync + Clone + 'static,
+    ) -> Bucket {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let settings = BucketSettings {
             bucket: "records".to_owned(),
@@ -281,8 +283,8 @@ mod tests {
         };
         std::thread::spawn(move || {
             for (number, connection) in (0..).zip(listener.incoming().flatten()) {
-                let answer = answer.clone();
-                std::thread::spawn(move || answer(number, BufReader::new(connection)));
+                let handle_connection = handle_connection.clone();
+                std::thread::spawn(move || handle_connection(number, BufReader::new(connection)));
             }
         });
         Bucket::open_with(&settings, SILENT, 10 * SILENT).unwrap()
@@ -328,7 +330,7 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_request_without_an_answer_is_retried() {
+    async fn a_request_without_a_response_is_retried() {
         let bucket = bucket(|number, mut connection| {
             read_head(&mut connection);
             if number == 0 {

@@ -17,7 +17,7 @@ pub struct KeyedUpload {
     /// When it was first received.
     pub received_at: Timestamp,
     /// The response, once it is complete.
-    pub answer: Option<String>,
+    pub response: Option<String>,
 }
 
 impl Store {
@@ -47,7 +47,7 @@ impl Store {
             return Ok(KeyedUpload {
                 request_sha256: request_sha256.to_owned(),
                 received_at: now,
-                answer: None,
+                response: None,
             });
         }
         let row = sqlx::query("SELECT * FROM keyed_uploads WHERE asset_id = $1 AND upload_key = $2")
@@ -60,7 +60,7 @@ impl Store {
         Ok(KeyedUpload {
             request_sha256: get(&row, "request_sha256")?,
             received_at: get_time(&row, "received_at_ns")?,
-            answer: get(&row, "answer")?,
+            response: get(&row, "answer")?,
         })
     }
 
@@ -69,14 +69,14 @@ impl Store {
         &self,
         asset: &AssetId,
         key: &str,
-        answer: &str,
+        response: &str,
     ) -> Result<Option<String>, StoreError> {
         let kept = sqlx::query(
             "UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2 AND answer IS NULL",
         )
         .bind(asset.as_str())
         .bind(key)
-        .bind(answer)
+        .bind(response)
         .execute(self.write()?)
         .await?;
         if kept.rows_affected() > 0 {
@@ -93,7 +93,7 @@ impl Store {
     }
 
     /// Forgets the response to an upload with a key, so that the upload can be processed again.
-    pub async fn forget_answer(&self, asset: &AssetId, key: &str) -> Result<(), StoreError> {
+    pub async fn forget_response(&self, asset: &AssetId, key: &str) -> Result<(), StoreError> {
         sqlx::query("UPDATE keyed_uploads SET answer = NULL WHERE asset_id = $1 AND upload_key = $2")
             .bind(asset.as_str())
             .bind(key)

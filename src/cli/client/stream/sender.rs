@@ -42,7 +42,7 @@ pub(super) struct Sender {
     pub(super) next: Option<u64>,
     /// Index before which the server had the samples when it answered first.
     had_to: Option<u64>,
-    /// Index before which a request without an answer may have stored the samples.
+    /// Index before which a request without a response may have stored the samples.
     tried_to: u64,
     /// Records that were refused before.
     refused_before: Option<u64>,
@@ -59,7 +59,7 @@ pub(super) enum SendOutcome {
 }
 
 #[derive(Deserialize)]
-struct Answer {
+struct SendResponse {
     next: Option<u64>,
     /// Samples of the request that the stream had passed before.
     repeated: u64,
@@ -118,10 +118,10 @@ impl Sender {
     /// The server refuses the stream or its format.
     pub(super) fn open(&mut self) -> Result<Option<u64>, CliError> {
         self.refused_before = self.status().map(|status| status.records_refused);
-        // An empty part is checked like any other. From its answer on, no earlier request stores samples.
-        if let Ok(answer) = self.post("", &[])? {
-            self.next = answer.next;
-            self.had_to = Some(answer.next.unwrap_or(0));
+        // An empty part is checked like any other. From its response on, no earlier request stores samples.
+        if let Ok(response) = self.post("", &[])? {
+            self.next = response.next;
+            self.had_to = Some(response.next.unwrap_or(0));
         }
         Ok(self.next)
     }
@@ -160,8 +160,8 @@ impl Sender {
         let place = format!("&first_index={}&start_time={time}&after_gap=true", block.first);
         let frames = (block.bytes.len() / self.frame_bytes) as u64;
         let reason = match self.post(&place, &block.bytes)? {
-            Ok(answer) => {
-                let lost = self.count(block.first, frames, &answer);
+            Ok(response) => {
+                let lost = self.count(block.first, frames, &response);
                 if lost > 0 {
                     let reason = format!(
                         "{lost} samples of each channel at {time} are not stored: another sender sends stream \
@@ -185,9 +185,9 @@ impl Sender {
     }
 
     /// Counts the samples of a block; returns how many the server had, although it did not have them when it
-    /// answered first and no request without an answer had them.
-    fn count(&mut self, first: u64, frames: u64, answer: &Answer) -> u64 {
-        let (repeated, next) = (answer.repeated.min(frames), answer.next.unwrap_or(first + frames));
+    /// answered first and no request without a response had them.
+    fn count(&mut self, first: u64, frames: u64, response: &SendResponse) -> u64 {
+        let (repeated, next) = (response.repeated.min(frames), response.next.unwrap_or(first + frames));
         let had_to = if repeated == frames { next } else { first + repeated };
         let had_to = *self.had_to.get_or_insert(had_to);
         let had = repeated.min(had_to.saturating_sub(first));
@@ -198,8 +198,8 @@ impl Sender {
         lost
     }
 
-    /// Sends samples; returns the answer, or why they must be sent again.
-    fn post(&self, place: &str, samples: &[u8]) -> Result<Result<Answer, String>, CliError> {
+    /// Sends samples; returns the response, or why they must be sent again.
+    fn post(&self, place: &str, samples: &[u8]) -> Result<Result<SendResponse, String>, CliError> {
         let address = format!("{}?name={}&{}{place}", self.url, escaped(&self.name), self.format);
         let request = self.agent.post(address).content_type("application/octet-stream");
         let mut response = match self.server.authorized(request).send(samples) {
@@ -212,7 +212,7 @@ impl Sender {
         let status = response.status().as_u16();
         match (status, response.body_mut().read_to_string()) {
             (200, Ok(text)) => match serde_json::from_str(&text) {
-                Ok(answer) => Ok(Ok(answer)),
+                Ok(response) => Ok(Ok(response)),
                 Err(error) => Err(self.failed(format!("invalid answer: {error}"))),
             },
             (200, Err(error)) => Ok(Err(error.to_string())),
@@ -268,17 +268,17 @@ mod tests {
 
     #[test]
     fn samples_that_another_sender_sent_are_not_counted_as_repeated() {
-        let answer = |next, repeated| Answer { next: Some(next), repeated };
+        let response = |next, repeated| SendResponse { next: Some(next), repeated };
         let mut sender = Sender { had_to: Some(150), ..sender() };
-        // What the server had at the start; new ones; what an attempt without an answer stored.
-        assert_eq!(sender.count(100, 100, &answer(200, 50)), 0);
-        assert_eq!(sender.count(200, 100, &answer(300, 0)), 0);
+        // What the server had at the start; new ones; what an attempt without a response stored.
+        assert_eq!(sender.count(100, 100, &response(200, 50)), 0);
+        assert_eq!(sender.count(200, 100, &response(300, 0)), 0);
         sender.tried_to = 400;
-        assert_eq!(sender.count(300, 100, &answer(400, 100)), 0);
+        assert_eq!(sender.count(300, 100, &response(400, 100)), 0);
         assert_eq!((sender.sent, sender.repeated), (250, 50));
         // A part of the block, and all of it.
-        assert_eq!(sender.count(400, 100, &answer(500, 30)), 30);
-        assert_eq!(sender.count(500, 100, &answer(900, 100)), 100);
+        assert_eq!(sender.count(400, 100, &response(500, 30)), 30);
+        assert_eq!(sender.count(500, 100, &response(900, 100)), 100);
         assert_eq!((sender.sent, sender.repeated), (320, 50));
     }
 
@@ -286,10 +286,10 @@ mod tests {
     fn the_first_answer_of_a_server_that_was_unreachable_says_what_it_had() {
         let mut sender = sender();
         sender.tried_to = 100;
-        assert_eq!(sender.count(0, 100, &Answer { next: Some(250), repeated: 100 }), 0);
-        assert_eq!(sender.count(100, 100, &Answer { next: Some(250), repeated: 100 }), 0);
-        assert_eq!(sender.count(200, 100, &Answer { next: Some(300), repeated: 50 }), 0);
+        assert_eq!(sender.count(0, 100, &SendResponse { next: Some(250), repeated: 100 }), 0);
+        assert_eq!(sender.count(100, 100, &SendResponse { next: Some(250), repeated: 100 }), 0);
+        assert_eq!(sender.count(200, 100, &SendResponse { next: Some(300), repeated: 50 }), 0);
         assert_eq!((sender.sent, sender.repeated), (50, 250));
-        assert_eq!(sender.count(300, 100, &Answer { next: Some(400), repeated: 1 }), 1);
+        assert_eq!(sender.count(300, 100, &SendResponse { next: Some(400), repeated: 1 }), 1);
     }
 }
