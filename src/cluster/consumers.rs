@@ -12,7 +12,7 @@ use super::connection::Connection;
 use super::partition::Source;
 
 /// Number of consumers that are created at the same time.
-const CREATED_AT_ONCE: usize = 8;
+const MAX_CONCURRENT: usize = 8;
 
 impl Connection {
     /// Creates missing consumers and updates those with other settings: a worker of a version without
@@ -38,7 +38,7 @@ impl Connection {
                 wanted.push(config);
             }
         }
-        for some in wanted.chunks(CREATED_AT_ONCE) {
+        for some in wanted.chunks(MAX_CONCURRENT) {
             try_join_all(some.iter().map(|config| create(&stream, config.clone()))).await?;
         }
         Ok(())

@@ -21,7 +21,7 @@ use crate::store::{Asset, RecordRange, Store, StoreError};
 const MAX_TRIES: u32 = 20;
 
 /// Records of each channel removed in one transaction before an asset is deleted.
-const REMOVED_AT_ONCE: u32 = 200;
+const REMOVAL_BATCH: u32 = 200;
 
 /// Wait before the first retry; it grows with each retry, so that concurrent changes all get through.
 const WAIT: Duration = Duration::from_millis(5);
@@ -184,8 +184,8 @@ impl Assets {
     async fn remove_records(&self, id: &AssetId) -> Result<Option<Vec<String>>, ServiceError> {
         let mut orphans = None;
         loop {
-            let records = self.store.records_in(id, &RecordRange::default(), REMOVED_AT_ONCE).await?;
-            if records.len() < REMOVED_AT_ONCE as usize {
+            let records = self.store.records_in(id, &RecordRange::default(), REMOVAL_BATCH).await?;
+            if records.len() < REMOVAL_BATCH as usize {
                 return Ok(orphans);
             }
             let removed = self.store.remove_records(id, &records).await?;

@@ -19,7 +19,7 @@ use crate::signal::MAX_RECORD_SAMPLES;
 use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
 
 /// Maximum number of records analysed in one batch.
-const AT_ONCE: u32 = 32;
+const RECORDS_PER_BATCH: u32 = 32;
 
 /// Time after which a failed backfill is tried again.
 const RETRY_AFTER: Duration = Duration::from_secs(60);
@@ -105,7 +105,7 @@ impl Backfill {
         let mut filter = SegmentFilter { channel: Some(channel.channel.clone()), ..SegmentFilter::default() };
         let mut records = 0;
         loop {
-            let segments = self.store.segments(&channel.asset_id, &filter, AT_ONCE).await?;
+            let segments = self.store.segments(&channel.asset_id, &filter, RECORDS_PER_BATCH).await?;
             let Some(last) = segments.last() else {
                 return Ok(records);
             };

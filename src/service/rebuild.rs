@@ -16,7 +16,7 @@ use crate::store::{AssetNote, Objects, RecordNote, RecordRange, StoreError, Stor
 const IN_ONE_TRANSACTION: usize = 200;
 
 /// Records ingested concurrently: they share a transaction and its wait for the disk.
-const AT_ONCE: usize = 8;
+const MAX_CONCURRENT: usize = 8;
 
 /// Maximum number of failures that are listed.
 const MAX_FAILURES: usize = 20;
@@ -120,7 +120,7 @@ impl Service {
             }
         }
         let ingested = stream::iter(&missing).map(|record| self.ingest(record));
-        let mut ingested = ingested.buffered(AT_ONCE);
+        let mut ingested = ingested.buffered(MAX_CONCURRENT);
         let mut done = 0;
         while let Some(outcome) = ingested.next().await {
             done += 1;

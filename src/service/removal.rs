@@ -13,7 +13,7 @@ use crate::asset::{AssetId, Segment};
 use crate::store::{RecordRange, RemovalNote, Store, StoreError};
 
 /// Records of each channel removed in one transaction; other transactions run in between.
-const AT_ONCE: u32 = 200;
+const REMOVAL_BATCH: u32 = 200;
 
 /// Removes records.
 pub struct Removals {
@@ -103,7 +103,7 @@ impl Removals {
     ) -> Result<bool, ServiceError> {
         let mut segments = Vec::new();
         for of in assets {
-            segments.extend(self.store.records_in(of, range, AT_ONCE).await?);
+            segments.extend(self.store.records_in(of, range, REMOVAL_BATCH).await?);
         }
         if segments.is_empty() {
             return Ok(false);

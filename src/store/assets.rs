@@ -15,7 +15,7 @@ use super::{SegmentKey, Store, StoreError, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// Maximum number of assets in one query.
-const ASSETS_AT_ONCE: usize = 200;
+const ASSETS_PER_QUERY: usize = 200;
 
 /// A stored asset.
 #[derive(Debug, Clone, PartialEq)]
@@ -291,7 +291,7 @@ impl Store {
         text: impl Fn(&str) -> String,
     ) -> Result<Vec<AnyRow>, StoreError> {
         let mut found = Vec::new();
-        for chunk in assets.chunks(ASSETS_AT_ONCE) {
+        for chunk in assets.chunks(ASSETS_PER_QUERY) {
             let text = text(&placeholders(1, chunk.len()));
             let query = sqlx::query(&text).persistent(self.dialect().caches_statement(chunk.len()));
             let query = chunk.iter().fold(query, |query, asset| query.bind(asset.as_str()));

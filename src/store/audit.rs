@@ -10,7 +10,7 @@ use super::{Objects, Store, StoreError, StoreSettings, SystemDisk};
 use crate::asset::SegmentId;
 
 /// Rows read in one query.
-const AT_ONCE: i64 = 500;
+const ROWS_PER_QUERY: i64 = 500;
 
 /// Maximum number of findings that are listed; further ones are only counted.
 const MAX_FINDINGS: usize = 1000;
@@ -118,7 +118,7 @@ impl Store {
         loop {
             let rows = sqlx::query("SELECT id FROM segments WHERE id > $1 ORDER BY id LIMIT $2")
                 .bind(after.as_str())
-                .bind(AT_ONCE)
+                .bind(ROWS_PER_QUERY)
                 .fetch_all(self.read())
                 .await?;
             let Some(last) = rows.last() else { return Ok(()) };
@@ -150,7 +150,7 @@ impl Store {
                 "SELECT sha256, MAX(bytes) AS bytes FROM raw_objects WHERE sha256 > $1 GROUP BY sha256 ORDER BY sha256 LIMIT $2",
             )
             .bind(after.as_str())
-            .bind(AT_ONCE)
+            .bind(ROWS_PER_QUERY)
             .fetch_all(self.read())
             .await?;
             let Some(last) = rows.last() else { return Ok(()) };

@@ -16,7 +16,7 @@ use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
 use crate::asset::AssetId;
 
 /// Maximum number of rows written by one statement.
-pub(super) const ROWS_AT_ONCE: usize = 64;
+pub(super) const ROWS_PER_STATEMENT: usize = 64;
 
 /// The columns of a channel's row that change.
 const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id, revision, rewritten_revision, analysis_generation, wear_generation, \
@@ -127,7 +127,7 @@ impl Transaction {
         names: &[(&AssetId, &str)],
     ) -> Result<HashMap<(AssetId, String), ChannelSummary>, StoreError> {
         let mut found = HashMap::new();
-        for chunk in names.chunks(ROWS_AT_ONCE) {
+        for chunk in names.chunks(ROWS_PER_STATEMENT) {
             let which = any_of(chunk.len(), &["asset_id =", "name ="]);
             let text = format!(
                 "SELECT * FROM channels WHERE {which} ORDER BY asset_id, name{}",
@@ -185,7 +185,7 @@ impl Transaction {
     /// Sets the summaries of channels whose rows this transaction has locked.
     pub(super) async fn set_channels(&mut self, channels: &[&ChannelSummary]) -> Result<(), StoreError> {
         let optional_ns = |time: Option<Timestamp>| time.map(to_ns).transpose();
-        for chunk in channels.chunks(ROWS_AT_ONCE) {
+        for chunk in channels.chunks(ROWS_PER_STATEMENT) {
             // All of them exist: this is a bulk update in a form that both databases support.
             let text = format!(
                 "INSERT INTO channels (channel_no, asset_id, name, {SUMMARY}) VALUES {} ON CONFLICT (channel_no) DO UPDATE SET {}",

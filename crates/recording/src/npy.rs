@@ -11,7 +11,7 @@ use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
 /// Largest number of frames read at once.
-const FRAMES_AT_ONCE: u64 = 4096;
+const FRAMES_PER_READ: u64 = 4096;
 
 /// Reads a NumPy array as one record per channel; the sampling rate is that of the defaults.
 ///
@@ -62,7 +62,7 @@ impl<R: Read + Seek> NpyFrames<R> {
 
     fn fill(&mut self) -> Result<(), RecordingError> {
         let header = &self.header;
-        let frames = FRAMES_AT_ONCE.min(header.frames - self.read);
+        let frames = FRAMES_PER_READ.min(header.frames - self.read);
         let wanted = frames as usize * header.frame_bytes();
         self.buffer.clear();
         (self.buffered, self.next) = (frames as usize, 0);

@@ -18,10 +18,10 @@ use super::transform::Transforms;
 const MAX_SUMMED_REACH: usize = 8;
 
 /// Number of turns added at once: each partial sum is loaded and stored once for all of them.
-const TURNS_AT_ONCE: usize = 4;
+const TURNS_PER_BLOCK: usize = 4;
 
 /// Number of angles added over all turns at once: their partial sums stay in the first-level cache.
-const ANGLES_AT_ONCE: usize = 256;
+const ANGLES_PER_BLOCK: usize = 256;
 
 impl AngleRecord {
     /// Reads the line at order `teeth` of the Hann amplitude spectrum over orders like [`read_line`]; its
@@ -91,8 +91,8 @@ fn bins_around(
     for m in 0..=reach {
         let root =
             |turn: usize| if turn < turns { roots[m * turn % turns].conj() } else { Complex::default() };
-        for first in (0..turns).step_by(TURNS_AT_ONCE) {
-            let roots: [Complex<f64>; TURNS_AT_ONCE] = std::array::from_fn(|n| root(first + n));
+        for first in (0..turns).step_by(TURNS_PER_BLOCK) {
+            let roots: [Complex<f64>; TURNS_PER_BLOCK] = std::array::from_fn(|n| root(first + n));
             weights.extend(roots.map(|root| root.re));
             weights.extend(roots.map(|root| root.im));
         }
@@ -152,14 +152,14 @@ impl WithSimd for TurnSums<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let per_turn = self.samples.len() / self.turns;
-        let groups = self.turns.div_ceil(TURNS_AT_ONCE);
-        let (weights, _) = self.weights.as_chunks::<TURNS_AT_ONCE>();
-        for first_angle in (0..per_turn).step_by(ANGLES_AT_ONCE) {
-            let angles = first_angle..(first_angle + ANGLES_AT_ONCE).min(per_turn);
+        let groups = self.turns.div_ceil(TURNS_PER_BLOCK);
+        let (weights, _) = self.weights.as_chunks::<TURNS_PER_BLOCK>();
+        for first_angle in (0..per_turn).step_by(ANGLES_PER_BLOCK) {
+            let angles = first_angle..(first_angle + ANGLES_PER_BLOCK).min(per_turn);
             for group in 0..groups {
                 // A group that is not full has the last turn several times, with the weight zero.
-                let turns: [&[f32]; TURNS_AT_ONCE] = std::array::from_fn(|n| {
-                    let turn = (group * TURNS_AT_ONCE + n).min(self.turns - 1);
+                let turns: [&[f32]; TURNS_PER_BLOCK] = std::array::from_fn(|n| {
+                    let turn = (group * TURNS_PER_BLOCK + n).min(self.turns - 1);
                     &self.samples[turn * per_turn..][angles.clone()]
                 });
                 for (m, [cos, sin]) in self.sums.iter_mut().enumerate() {
@@ -180,8 +180,8 @@ impl WithSimd for TurnSums<'_> {
 /// Adds the weighted samples of some turns to each sum.
 #[inline(always)]
 fn add<const SUMS: usize>(
-    [a, b, c, d]: [&[f32]; TURNS_AT_ONCE],
-    weights: [&[f64; TURNS_AT_ONCE]; SUMS],
+    [a, b, c, d]: [&[f32]; TURNS_PER_BLOCK],
+    weights: [&[f64; TURNS_PER_BLOCK]; SUMS],
     mut sums: [&mut [f64]; SUMS],
 ) {
     for (n, (((&a, &b), &c), &d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {

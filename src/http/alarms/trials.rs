@@ -18,7 +18,7 @@ use crate::service::Service;
 use crate::store::{ChannelSummary, RecordResults};
 
 /// Records read and evaluated at a time.
-const AT_ONCE: u32 = 2000;
+const RECORDS_PER_BATCH: u32 = 2000;
 
 /// Maximum number of listed changes; further ones are only counted.
 const MAX_CHANGES: usize = 1000;
@@ -130,7 +130,7 @@ async fn fold(
     };
     let mut after = None;
     loop {
-        let results = service.store.record_results(channel, after.as_ref(), AT_ONCE).await?;
+        let results = service.store.record_results(channel, after.as_ref(), RECORDS_PER_BATCH).await?;
         let Some(last) = results.last() else { break };
         after = Some(last.key.clone());
         let judge = move || {

@@ -15,7 +15,7 @@ use crate::store::{AlarmFilter, LatestRecord, Store, StoredAlarm};
 const MAX_ALARMS: u32 = 10_000;
 
 /// Assets read in one query.
-const ASSETS_AT_ONCE: u32 = 500;
+const ASSETS_PER_QUERY: u32 = 500;
 
 /// The state of each alarm.
 pub(crate) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
@@ -126,7 +126,7 @@ async fn check(store: &Store, wanted: &[&str], latest: &[Arc<LatestRecord>]) -> 
     }
     let mut after: Option<String> = None;
     loop {
-        let assets = store.assets(after.as_deref(), ASSETS_AT_ONCE).await?;
+        let assets = store.assets(after.as_deref(), ASSETS_PER_QUERY).await?;
         let Some(last) = assets.last() else { break };
         after = Some(last.spec.id.to_string());
         known.extend(assets.iter().flat_map(|asset| asset.spec.indicator_names()));

@@ -12,7 +12,7 @@ use crate::service::{BandChoice, Service, ServiceError};
 use crate::signal::NotComputed;
 
 /// Number of spectra computed at the same time: each holds a whole record.
-const AT_ONCE: usize = 4;
+const MAX_CONCURRENT: usize = 4;
 
 /// The spectrum in which lines are read.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -93,7 +93,7 @@ impl SpectrumLines {
         baseline: &[Segment],
     ) -> Result<Vec<Amplitudes>, Problem> {
         let mut healthy = Vec::new();
-        for some in baseline.chunks(AT_ONCE) {
+        for some in baseline.chunks(MAX_CONCURRENT) {
             let mut tasks = JoinSet::new();
             for record in some {
                 let scale = match self.axis {

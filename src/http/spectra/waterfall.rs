@@ -23,7 +23,7 @@ const RECORDS: (usize, usize) = (200, 600);
 const CELLS: (usize, usize) = (400, 2000);
 
 /// Number of spectra computed at the same time: each holds a whole record.
-const AT_ONCE: usize = 4;
+const MAX_CONCURRENT: usize = 4;
 
 /// Lowest level in dB of one unit; below it there is only quantisation noise.
 const LOWEST_DB: f64 = -200.0;
@@ -198,7 +198,7 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
             missing.push((n, unit_hz, key));
         }
     }
-    for some in missing.chunks(AT_ONCE) {
+    for some in missing.chunks(MAX_CONCURRENT) {
         let mut tasks = JoinSet::new();
         for (n, unit_hz, key) in some.iter().cloned() {
             let (service, segment) = (app.service.clone(), segments[n].clone());

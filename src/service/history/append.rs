@@ -21,7 +21,7 @@ use crate::store::{
 /// Maximum number of stored records that are folded again at once, since the write transaction waits for
 /// them. If more follow a late record, only those between the nearest state and it are folded at once; if
 /// these are more too, its estimate also follows in the background.
-const FOLDED_AT_ONCE: u32 = 512;
+const MAX_FOREGROUND_RECORDS: u32 = 512;
 
 /// A channel's new segments and the result of folding them.
 pub(crate) struct Appended<'a> {
@@ -124,16 +124,16 @@ impl History {
             let estimator = estimator.clone();
             return Ok(Fold::Complete { after, folded, estimator });
         }
-        let fold_all = stored_after <= u64::from(FOLDED_AT_ONCE) && newest.is_some();
+        let fold_all = stored_after <= u64::from(MAX_FOREGROUND_RECORDS) && newest.is_some();
         // All stored records after the state, or only those before the last new one.
         let last_folded = from.as_ref().map(|state| &state.last);
         let mut stored = self
             .folding
             .store
-            .features(channel, channel.served_analyses(), last_folded, FOLDED_AT_ONCE + 1)
+            .features(channel, channel.served_analyses(), last_folded, MAX_FOREGROUND_RECORDS + 1)
             .await?;
         stored.retain(|stored| fold_all || stored.key < *last);
-        if stored.len() > FOLDED_AT_ONCE as usize {
+        if stored.len() > MAX_FOREGROUND_RECORDS as usize {
             return Ok(Fold::while_recomputing(asset, new));
         }
         inputs.extend(stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)));

@@ -12,7 +12,7 @@ use crate::store::{ChannelSummary, SegmentKey};
 const MAX_RECORDS: usize = 5000;
 
 /// Records read from the store in one query.
-const READ_AT_ONCE: u32 = 500;
+const RECORDS_PER_QUERY: u32 = 500;
 
 impl History {
     /// Returns the estimates of a channel's records before its last inspection, given that inspection, in the
@@ -39,15 +39,15 @@ impl History {
         let mut inputs: Vec<FoldInput> = Vec::new();
         loop {
             let after = inputs.last().map(|input| &input.key);
-            let read = store.features(channel, channel.served_analyses(), after, READ_AT_ONCE).await?;
-            let is_last = read.len() < READ_AT_ONCE as usize;
+            let read = store.features(channel, channel.served_analyses(), after, RECORDS_PER_QUERY).await?;
+            let is_last = read.len() < RECORDS_PER_QUERY as usize;
             let before = read.into_iter().take_while(|stored| stored.key.start_time < last);
             let count = inputs.len();
             inputs.extend(before.map(|stored| FoldInput::of(stored, &estimator.feature_key)));
             if inputs.len() > MAX_RECORDS {
                 return Err(ServiceError::TooManyRecords(MAX_RECORDS));
             }
-            if is_last || inputs.len() - count < READ_AT_ONCE as usize {
+            if is_last || inputs.len() - count < RECORDS_PER_QUERY as usize {
                 break;
             }
         }

@@ -29,16 +29,16 @@ use crate::store::{
 };
 
 /// Records folded in one batch: bounds the memory and the length of a transaction.
-const FOLDED_AT_ONCE: u32 = 256;
+const FOLD_BATCH: u32 = 256;
 
 /// Records analysed in one batch.
-const ANALYSED_AT_ONCE: u32 = 32;
+const ANALYSIS_BATCH: u32 = 32;
 
 /// Interval at which a process renews its right to recompute a history.
 const RENEWAL_INTERVAL: Duration = Duration::from_secs(15);
 
 /// Rows removed in one transaction.
-const REMOVED_AT_ONCE: u32 = 500;
+const REMOVAL_BATCH: u32 = 500;
 
 /// Maximum number of times that records added by other processes are folded before the recomputation is
 /// retried later.
@@ -220,7 +220,7 @@ impl Recomputer {
         let mut history = FoldProgress::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
         while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await?
-            >= FOLDED_AT_ONCE as usize
+            >= FOLD_BATCH as usize
         {}
         // Under the lock this process adds no records, and few have arrived since. Those that another process
         // adds are folded in another round.
@@ -287,7 +287,7 @@ impl Recomputer {
         let store = &self.store;
         let mut after: Option<SegmentKey> = None;
         loop {
-            let segments = store.not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE).await?;
+            let segments = store.not_analysed(channel, generation, after.as_ref(), ANALYSIS_BATCH).await?;
             let Some(last) = segments.last() else {
                 return Ok(());
             };
@@ -352,7 +352,7 @@ impl Recomputer {
         let store = &self.store;
         let FoldProgress { state, alarms } = history;
         let after = state.as_ref().map(|state| &state.last);
-        let stored = store.features(channel, analyses, after, FOLDED_AT_ONCE).await?;
+        let stored = store.features(channel, analyses, after, FOLD_BATCH).await?;
         let count = stored.len();
         let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)).collect();
         let position = state.as_ref().map_or(0, |state| state.position);
@@ -374,7 +374,7 @@ impl Recomputer {
         let mut after = None;
         loop {
             let now = self.clock.now();
-            after = self.store.remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now).await?;
+            after = self.store.remove_leftovers(channel, after.as_ref(), REMOVAL_BATCH, now).await?;
             if after.is_none() {
                 return Ok(());
             }

@@ -21,7 +21,7 @@ use crate::service::workers::{Workers, blocking};
 use crate::store::{AssetNote, Objects, RecordNote, RemovalNote, Store, StoreError};
 
 /// Objects removed under one lock; commits run in between.
-const DISPOSED_AT_ONCE: usize = 32;
+const DISPOSAL_BATCH: usize = 32;
 
 /// The raw objects of a store.
 pub(crate) struct RawObjects {
@@ -342,7 +342,7 @@ impl RawObjects {
         let waiting = waiting.get_or_try_init(|| self.waiting()).await?;
         names.retain(|name| !waiting.contains(name));
         let mut disposed = Vec::new();
-        for chunk in names.chunks(DISPOSED_AT_ONCE) {
+        for chunk in names.chunks(DISPOSAL_BATCH) {
             // Objects being stored at the moment look unreferenced too.
             let _exclusive = self.exclusive().await;
             let orphans = self.store.orphans_among(chunk.to_vec()).await?;

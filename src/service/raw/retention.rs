@@ -15,7 +15,7 @@ use crate::service::limits::RawQuotas;
 use crate::store::{DeletedRaw, Store};
 
 /// Objects deleted in one transaction.
-const DELETED_AT_ONCE: u32 = 256;
+const DELETION_BATCH: u32 = 256;
 
 /// Deletes the oldest raw recordings that exceed the quotas.
 pub(crate) struct Retention {
@@ -83,7 +83,7 @@ impl Retention {
         waiting: &WaitingObjects,
     ) -> Result<(), ServiceError> {
         loop {
-            let deleted = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
+            let deleted = self.store.delete_oldest_raw(asset, quota, DELETION_BATCH).await?;
             let DeletedRaw { objects, bytes, is_within, orphans } = deleted;
             if objects > 0 {
                 self.objects.remove(orphans, waiting).await?;

@@ -13,7 +13,7 @@ use super::wear_rows::WearRow;
 use crate::asset::SegmentId;
 use crate::store::database::rows::{finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
 use crate::store::layouts::Columns;
-use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
+use crate::store::transaction::{ROWS_PER_STATEMENT, Transaction};
 use crate::store::{
     Analysed, ChannelSummary, NewSegment, RunResult, SegmentKey, StoreError, StoredFoldState,
 };
@@ -102,7 +102,7 @@ impl Transaction {
 
     /// Inserts segments with their channel numbers, without their results.
     async fn insert_segments(&mut self, segments: &[(i64, &NewSegment)]) -> Result<(), StoreError> {
-        for chunk in segments.chunks(ROWS_AT_ONCE) {
+        for chunk in segments.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point,
                     reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index, excluded)
@@ -138,7 +138,7 @@ impl Transaction {
         &mut self,
         analyses: &[(i64, &SegmentId, &Analysed)],
     ) -> Result<(), StoreError> {
-        for chunk in analyses.chunks(ROWS_AT_ONCE) {
+        for chunk in analyses.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicator_values, feature_values)
                  VALUES {} ON CONFLICT (segment_id, generation) DO NOTHING",
@@ -188,7 +188,7 @@ impl Transaction {
         }
         let objects: Vec<_> = objects.into_iter().collect();
         let mut volumes: BTreeMap<String, i64> = BTreeMap::new();
-        for chunk in objects.chunks(ROWS_AT_ONCE) {
+        for chunk in objects.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO raw_objects (sha256, asset_id, bytes, start_time_ns) VALUES {}
                  ON CONFLICT (sha256, asset_id) DO NOTHING RETURNING asset_id, bytes",
@@ -204,7 +204,7 @@ impl Transaction {
             }
         }
         let volumes: Vec<_> = volumes.into_iter().collect();
-        for chunk in volumes.chunks(ROWS_AT_ONCE) {
+        for chunk in volumes.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO raw_volumes (asset_id, bytes) VALUES {}
                  ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",

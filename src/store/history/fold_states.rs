@@ -7,7 +7,7 @@ use sqlx::any::AnyRow;
 
 use crate::asset::SegmentId;
 use crate::store::database::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns};
-use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
+use crate::store::transaction::{ROWS_PER_STATEMENT, Transaction};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError, WearGeneration};
 
 /// Number of records from one stored state to the next: at most as many are folded again after a start.
@@ -77,7 +77,7 @@ pub(in crate::store) type StatesAfter<'a> = (i64, i64, u64, &'a [StoredFoldState
 impl Transaction {
     /// Replaces states of the fold, at most once for each channel, and thins the older ones.
     pub(in crate::store) async fn set_states(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
-        for chunk in all.chunks(ROWS_AT_ONCE) {
+        for chunk in all.chunks(ROWS_PER_STATEMENT) {
             self.remove_states_after(chunk).await?;
         }
         let new: Vec<(i64, i64, &StoredFoldState)> = all
@@ -86,7 +86,7 @@ impl Transaction {
                 states.iter().map(move |state| (channel_no, generation, state))
             })
             .collect();
-        for chunk in new.chunks(ROWS_AT_ONCE) {
+        for chunk in new.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
                 rows_of_placeholders(chunk.len(), 6)

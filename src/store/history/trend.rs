@@ -27,7 +27,7 @@ pub(in crate::store) const MAX_RECORDS: usize = 1_000_000;
 pub(in crate::store) const COLUMNS: [&str; 2] = ["indicator_values", "run_indicator_values"];
 
 /// Rows read in one query.
-const ROWS_AT_ONCE: usize = 4096;
+const ROWS_PER_QUERY: usize = 4096;
 
 /// One channel's history in the order of time: parallel columns with one entry for each segment.
 #[derive(Debug, Clone, Default)]
@@ -243,12 +243,12 @@ impl Store {
             super::trend_blocks::load(&mut snapshot, &channel, trend).await?;
         }
         loop {
-            let rows = rows_after(&mut snapshot, &channel, trend.last().as_ref(), ROWS_AT_ONCE).await?;
+            let rows = rows_after(&mut snapshot, &channel, trend.last().as_ref(), ROWS_PER_QUERY).await?;
             let layouts = self.layouts().of(&rows, &COLUMNS, &mut *snapshot).await?;
             for row in &rows {
                 trend.push(row, &layouts)?;
             }
-            if rows.len() < ROWS_AT_ONCE {
+            if rows.len() < ROWS_PER_QUERY {
                 break;
             }
         }

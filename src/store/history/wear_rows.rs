@@ -4,7 +4,7 @@ use crate::asset::SegmentId;
 use crate::estimate::{Posterior, WearEstimate};
 use crate::store::database::rows::{any_of, excluded, finite, finite_or_none, rows_of_placeholders, to_json};
 use crate::store::layouts::Columns;
-use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
+use crate::store::transaction::{ROWS_PER_STATEMENT, Transaction};
 use crate::store::{RunResult, StoreError};
 
 /// The columns of an estimate.
@@ -28,7 +28,7 @@ pub(in crate::store) struct WearRow<'a> {
 impl Transaction {
     /// Inserts or replaces estimates of segments.
     pub(in crate::store) async fn set_wears(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        for chunk in wears.chunks(ROWS_AT_ONCE) {
+        for chunk in wears.chunks(ROWS_PER_STATEMENT) {
             self.set_estimates(chunk).await?;
             self.set_posteriors(chunk).await?;
         }

@@ -19,7 +19,7 @@ use sqlx::{Any, Executor};
 use crate::estimate::Posterior;
 use crate::store::StoreError;
 use crate::store::database::rows::{from_json, get, placeholders, rows_of_placeholders, to_json};
-use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
+use crate::store::transaction::{ROWS_PER_STATEMENT, Transaction};
 
 /// First byte of a value in columns; a value as JSON begins with another one.
 const COLUMNS: u8 = 1;
@@ -239,7 +239,7 @@ impl Transaction {
             }
         }
         let new: Vec<(i64, String)> = new.into_iter().collect();
-        for chunk in new.chunks(ROWS_AT_ONCE) {
+        for chunk in new.chunks(ROWS_PER_STATEMENT) {
             let text = format!(
                 "INSERT INTO layouts (id, layout) VALUES {} ON CONFLICT (id) DO NOTHING",
                 rows_of_placeholders(chunk.len(), 2)

@@ -15,7 +15,7 @@ use super::{Backend, ListedFile, ListedObject, StoreError, is_name};
 use crate::store::BucketSettings;
 
 /// Maximum number of concurrent requests of one call.
-const REQUESTS_AT_ONCE: usize = 8;
+const MAX_CONCURRENT_REQUESTS: usize = 8;
 
 /// Maximum size of an object that is read; no recording is larger.
 const MAX_BYTES: u64 = 1 << 30;
@@ -104,7 +104,7 @@ impl Backend for Bucket {
         let objects = objects.iter().map(|(name, bytes)| (self.object_path(name), bytes.clone()));
         let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
         self.runtime.block_on(async {
-            let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
+            let mut puts = stream::iter(puts).buffer_unordered(MAX_CONCURRENT_REQUESTS);
             while let Some(put) = puts.next().await {
                 put?;
             }

@@ -11,7 +11,7 @@ use crate::store::database::rows::{get, get_time, placeholders};
 use crate::store::{Store, StoreError};
 
 /// Channels read in one query.
-const CHANNELS_AT_ONCE: usize = 500;
+const CHANNELS_PER_QUERY: usize = 500;
 
 /// Maximum number of channels whose latest records are cached, each with some 2 kB.
 const MAX_CHANNELS: usize = 20_000;
@@ -53,7 +53,7 @@ impl Store {
         });
         let changed: Vec<i64> =
             revisions.keys().filter(|channel| !cached.contains_key(channel)).copied().collect();
-        for channels in changed.chunks(CHANNELS_AT_ONCE) {
+        for channels in changed.chunks(CHANNELS_PER_QUERY) {
             for (channel, record) in self.latest_records_of(channels).await? {
                 // The record may be newer: then it is read once more.
                 let revision = revisions.get(&channel).copied().unwrap_or(0);

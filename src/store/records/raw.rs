@@ -8,7 +8,7 @@ use crate::store::database::watched::WatchedTransaction;
 use crate::store::{Store, StoreError};
 
 /// Maximum number of names in one query.
-const NAMES_AT_ONCE: usize = 500;
+const NAMES_PER_QUERY: usize = 500;
 
 /// Raw objects deleted by the retention.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -136,7 +136,7 @@ pub(in crate::store) async fn kept_among(
     names: &[String],
 ) -> Result<HashSet<String>, StoreError> {
     let mut kept = HashSet::new();
-    for chunk in names.chunks(NAMES_AT_ONCE) {
+    for chunk in names.chunks(NAMES_PER_QUERY) {
         let text = format!(
             "SELECT DISTINCT sha256 FROM raw_objects WHERE sha256 IN ({})",
             placeholders(1, chunk.len())

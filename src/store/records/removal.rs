@@ -7,7 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::raw::kept_among;
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::store::database::rows::{from_ns, get, placeholders, to_ns};
-use crate::store::transaction::{ROWS_AT_ONCE, Transaction};
+use crate::store::transaction::{ROWS_PER_STATEMENT, Transaction};
 use crate::store::{ChannelSummary, SegmentKey, Store, StoreError};
 
 /// Selects records of an asset.
@@ -149,7 +149,7 @@ impl Transaction {
         &mut self,
         ids: impl Iterator<Item = &SegmentId>,
     ) -> Result<(), StoreError> {
-        for chunk in ids.collect::<Vec<_>>().chunks(ROWS_AT_ONCE) {
+        for chunk in ids.collect::<Vec<_>>().chunks(ROWS_PER_STATEMENT) {
             let text = format!("DELETE FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
             let query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             let query = chunk.iter().fold(query, |query, id| query.bind(id.0.as_str()));

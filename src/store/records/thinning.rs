@@ -13,10 +13,10 @@ use crate::store::{ChannelSummary, Store, StoreError};
 const ROUND_INTERVAL: SignedDuration = SignedDuration::from_hours(1);
 
 /// Channels read in one query.
-const CHANNELS_AT_ONCE: usize = 500;
+const CHANNELS_PER_QUERY: usize = 500;
 
 /// Records of a channel examined in one transaction.
-const EXAMINED_AT_ONCE: usize = 2048;
+const EXAMINED_PER_TRANSACTION: usize = 2048;
 
 /// Parts of the age, one of which passes until a channel is thinned again: each time its stored trend is made
 /// anew.
@@ -94,7 +94,7 @@ impl Store {
             )
             .bind(after)
             .bind(to_ns(thinning.due(thinning.before(thinning.now)))?)
-            .bind(CHANNELS_AT_ONCE as i64)
+            .bind(CHANNELS_PER_QUERY as i64)
             .fetch_all(self.read())
             .await?;
             for row in &rows {
@@ -108,7 +108,7 @@ impl Store {
                     }
                 }
             }
-            if rows.len() < CHANNELS_AT_ONCE {
+            if rows.len() < CHANNELS_PER_QUERY {
                 return Ok(removed);
             }
         }
@@ -152,7 +152,7 @@ impl Store {
         if !is_due || first.iter().all(|record| record.has_raw) {
             return Ok((0, true));
         }
-        let (_, old) = transaction.old_records(&channel, before, EXAMINED_AT_ONCE).await?;
+        let (_, old) = transaction.old_records(&channel, before, EXAMINED_PER_TRANSACTION).await?;
         let (removed, until_ns) =
             transaction.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
         transaction.delete_segments(removed.iter().map(|record| &record.id)).await?;
@@ -165,7 +165,7 @@ impl Store {
             channel.segments -= removed.len() as u64;
             transaction.set_channel(&mut channel, true).await?;
         }
-        let is_done = old.len() < EXAMINED_AT_ONCE || until_ns == thinned_until_ns;
+        let is_done = old.len() < EXAMINED_PER_TRANSACTION || until_ns == thinned_until_ns;
         let count = removed.len() as u64;
         transaction.commit().await?;
         Ok((count, is_done))
