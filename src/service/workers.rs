@@ -87,8 +87,8 @@ impl Workers {
     pub(crate) async fn wait_to_admit(&self, bytes: u64) -> Result<Ticket, ServiceError> {
         let lost = |_| ServiceError::WorkerLost("admit a record");
         let request = Arc::clone(&self.requests).acquire_owned().await.map_err(lost)?;
-        let most = self.limits.bytes_at_once as u64 / 1024;
-        let needed = u32::try_from(bytes.div_ceil(1024).min(most)).unwrap_or(u32::MAX);
+        let max = self.limits.bytes_at_once as u64 / 1024;
+        let needed = u32::try_from(bytes.div_ceil(1024).min(max)).unwrap_or(u32::MAX);
         let held = Arc::clone(&self.kibibytes).acquire_many_owned(needed).await.map_err(lost)?;
         let (kibibytes, bytes) = (Arc::clone(&self.kibibytes), held.num_permits() * 1024);
         Ok(Ticket { _request: request, kibibytes, held: Some(held), bytes })
@@ -128,8 +128,8 @@ impl Workers {
 
     /// The number of admitted requests, and its maximum.
     pub fn queue(&self) -> (usize, usize) {
-        let most = self.limits.requests_at_once;
-        (most - self.requests.available_permits().min(most), most)
+        let max = self.limits.requests_at_once;
+        (max - self.requests.available_permits().min(max), max)
     }
 
     /// The number of worker threads.
@@ -341,12 +341,12 @@ mod tests {
 
         let workers = Arc::new(Workers::new(&WorkLimits { workers: 4, ..WorkLimits::default() }).unwrap());
         let samples_now = Arc::new(AtomicUsize::new(0));
-        let most = Arc::new(AtomicUsize::new(0));
+        let max = Arc::new(AtomicUsize::new(0));
         let analyse = |samples: usize| {
-            let (workers, now, most) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&most));
+            let (workers, now, max) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&max));
             tokio::spawn(async move {
                 let analysis = move || {
-                    most.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
+                    max.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(20));
                     now.fetch_sub(samples, Ordering::SeqCst);
                 };
@@ -359,7 +359,7 @@ mod tests {
         for task in tasks {
             task.await.unwrap();
         }
-        assert_eq!(most.load(Ordering::SeqCst), MAX_RECORD_SAMPLES);
+        assert_eq!(max.load(Ordering::SeqCst), MAX_RECORD_SAMPLES);
     }
 
     #[tokio::test]

@@ -42,7 +42,7 @@ pub(crate) struct RecordStream {
 #[derive(Clone)]
 struct MemoryBudget {
     kibibytes: Arc<Semaphore>,
-    most: u32,
+    max: u32,
     /// Notified when the reader waits for memory.
     reader_waits: Arc<Notify>,
 }
@@ -159,13 +159,13 @@ impl ReadBatch {
 
 impl MemoryBudget {
     fn new(bytes: usize) -> Self {
-        let most = u32::try_from(bytes / 1024).unwrap_or(u32::MAX).max(1);
-        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, reader_waits: Arc::default() }
+        let max = u32::try_from(bytes / 1024).unwrap_or(u32::MAX).max(1);
+        Self { kibibytes: Arc::new(Semaphore::new(max as usize)), max, reader_waits: Arc::default() }
     }
 
     /// The kibibytes for a number of bytes, capped at the limit.
     fn needed(&self, bytes: usize) -> u32 {
-        u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).min(self.most)
+        u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).min(self.max)
     }
 
     /// Waits for memory; returns `None` once the stream is dropped. Blocks the thread.
@@ -217,7 +217,7 @@ mod tests {
     /// number of bytes held and the batch sizes.
     async fn read_through(memory: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
         let (mut records, read) = stream(memory, sizes);
-        let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);
+        let (mut before, mut stored, mut max) = (ReadBatch::default(), 0, 0);
         let mut batches = Vec::new();
         let bytes = |batch: &ReadBatch| -> usize {
             batch.records.iter().flat_map(|(_, record)| record).map(Recorded::bytes).sum()
@@ -226,7 +226,7 @@ mod tests {
             let batch = tokio::time::timeout(Duration::from_secs(20), async {
                 let store = async {
                     tokio::time::sleep(Duration::from_millis(20)).await;
-                    most = most.max(read.load(Ordering::SeqCst) - stored);
+                    max = max.max(read.load(Ordering::SeqCst) - stored);
                     stored += bytes(&before);
                     drop(std::mem::take(&mut before));
                 };
@@ -234,7 +234,7 @@ mod tests {
             });
             let batch = batch.await.expect("reader and reading wait for each other");
             if batch.records.is_empty() {
-                return (most, batches);
+                return (max, batches);
             }
             batches.push(batch.records.len());
             before = batch;
@@ -243,19 +243,19 @@ mod tests {
 
     #[tokio::test]
     async fn large_records_stay_within_the_limit() {
-        let (most, batches) = read_through(12 * MIB, vec![4 * MIB; 12]).await;
+        let (max, batches) = read_through(12 * MIB, vec![4 * MIB; 12]).await;
         assert_eq!(batches.iter().sum::<usize>(), 12);
-        assert!(most <= 12 * MIB, "{most} bytes held");
+        assert!(max <= 12 * MIB, "{max} bytes held");
     }
 
     #[tokio::test]
     async fn a_record_beyond_the_limit_gets_through_alone() {
         for sizes in [vec![8 * MIB; 4], vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB], vec![8; 300]] {
             let (count, largest) = (sizes.len(), sizes.iter().copied().max().unwrap());
-            let (most, batches) = read_through(2 * MIB, sizes).await;
+            let (max, batches) = read_through(2 * MIB, sizes).await;
             assert_eq!(batches.iter().sum::<usize>(), count);
             // A record larger than the previous one is in memory before its memory is acquired.
-            assert!(most <= 2 * MIB + largest, "{most} bytes held");
+            assert!(max <= 2 * MIB + largest, "{max} bytes held");
         }
     }
 

@@ -393,16 +393,16 @@ impl RawObjects {
 struct Age {
     now: Timestamp,
     /// `None` if this process is alone on the store and knows which objects are unreferenced.
-    most: Option<SignedDuration>,
+    orphan_age: Option<SignedDuration>,
 }
 
 impl Age {
     fn now(store: &Store) -> Result<Self, StoreError> {
-        Ok(Self { now: store.objects().time()?, most: store.orphan_age().filter(|age| !age.is_zero()) })
+        Ok(Self { now: store.objects().time()?, orphan_age: store.orphan_age().filter(|age| !age.is_zero()) })
     }
 
     fn is_old_enough(&self, written_at: Timestamp) -> bool {
-        self.most.is_none_or(|most| self.now.duration_since(written_at) >= most)
+        self.orphan_age.is_none_or(|orphan_age| self.now.duration_since(written_at) >= orphan_age)
     }
 }
 

@@ -55,12 +55,12 @@ impl Cutting {
         let around_alarm =
             on_alarm.map(|around| (format.frames_in(around.before_s), format.frames_in(around.after_s)));
         // Not so short that many are pending at once.
-        let most = MAX_RECORD_BYTES / format.frame_bytes() as u64;
+        let max_frames = MAX_RECORD_BYTES / format.frame_bytes() as u64;
         let captured_frames = clocked
             .record_frames()
             .max(format.frames_in(CAPTURED_S))
             .min(MAX_RECORD_SAMPLES as u64)
-            .min(most);
+            .min(max_frames);
         Ok(Self { clocked, steady, bins: spec.operating_bins.clone(), around_alarm, captured_frames })
     }
 

@@ -86,8 +86,8 @@ pub struct LiveChannel {
 
 /// The number of samples of each channel for a frame of a stream.
 pub(super) fn frames_of(format: &StreamFormat) -> u64 {
-    let most = (MAX_SAMPLES / format.channels().max(1) as u64).max(1);
-    format.frames_in(SPECTRUM_S).clamp(*SPECTRUM_FRAMES.start(), *SPECTRUM_FRAMES.end()).min(most)
+    let max = (MAX_SAMPLES / format.channels().max(1) as u64).max(1);
+    format.frames_in(SPECTRUM_S).clamp(*SPECTRUM_FRAMES.start(), *SPECTRUM_FRAMES.end()).min(max)
 }
 
 /// The input of a frame.

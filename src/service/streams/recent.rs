@@ -9,16 +9,16 @@ use bytes::Bytes;
 pub(super) struct Recent {
     frame_bytes: usize,
     /// Maximum number of bytes.
-    most: usize,
+    max_bytes: usize,
     /// Index after the last frame.
     end: u64,
     bytes: VecDeque<u8>,
 }
 
 impl Recent {
-    pub(super) fn new(frame_bytes: usize, most_frames: u64) -> Self {
-        let most = usize::try_from(most_frames).unwrap_or(usize::MAX).saturating_mul(frame_bytes);
-        Self { frame_bytes, most, end: 0, bytes: VecDeque::new() }
+    pub(super) fn new(frame_bytes: usize, max_frames: u64) -> Self {
+        let max_bytes = usize::try_from(max_frames).unwrap_or(usize::MAX).saturating_mul(frame_bytes);
+        Self { frame_bytes, max_bytes, end: 0, bytes: VecDeque::new() }
     }
 
     /// Appends frames; drops the frames before a gap.
@@ -27,8 +27,8 @@ impl Recent {
             self.bytes.clear();
         }
         self.end = first + (bytes.len() / self.frame_bytes) as u64;
-        let late = &bytes[bytes.len().saturating_sub(self.most)..];
-        let excess = (self.bytes.len() + late.len()).saturating_sub(self.most);
+        let late = &bytes[bytes.len().saturating_sub(self.max_bytes)..];
+        let excess = (self.bytes.len() + late.len()).saturating_sub(self.max_bytes);
         self.bytes.drain(..excess.min(self.bytes.len()));
         self.bytes.extend(late);
     }

@@ -347,16 +347,16 @@ impl StoredStream {
         self.journal.frames(first, cut.frames + lead, self.state.format.frame_bytes())
     }
 
-    /// The last contiguous frames, at most `most`, with the index of the first. They stay in memory from then
-    /// on.
-    pub(crate) fn recent(&mut self, most: u64) -> Result<(u64, Bytes), ServiceError> {
+    /// The last contiguous frames, at most `max_frames`, with the index of the first. They stay in memory from
+    /// then on.
+    pub(crate) fn recent(&mut self, max_frames: u64) -> Result<(u64, Bytes), ServiceError> {
         if let Some(recent) = &self.recent {
             return Ok(recent.frames());
         }
         let end = self.state.next.unwrap_or(0);
-        let first = end.saturating_sub(most).max(self.state.cutter.run_first()).min(end);
+        let first = end.saturating_sub(max_frames).max(self.state.cutter.run_first()).min(end);
         let frame_bytes = self.state.format.frame_bytes();
-        let mut recent = Recent::new(frame_bytes, most);
+        let mut recent = Recent::new(frame_bytes, max_frames);
         if first < end {
             // Those of a stream restored from a backup may be missing.
             let frames = self.journal.frames(first, end - first, frame_bytes)?;

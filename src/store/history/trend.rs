@@ -263,7 +263,7 @@ pub(in crate::store) async fn rows_after(
     snapshot: &mut WatchedTransaction,
     channel: &ChannelSummary,
     after: Option<&SegmentKey>,
-    most: usize,
+    max: usize,
 ) -> Result<Vec<AnyRow>, StoreError> {
     let (after_ns, after_id) = SegmentKey::bound(after, i64::MIN)?;
     let rows = sqlx::query(
@@ -277,7 +277,7 @@ pub(in crate::store) async fn rows_after(
     .bind(channel.channel_no)
     .bind(after_ns)
     .bind(after_id)
-    .bind(most as i64)
+    .bind(max as i64)
     .bind(channel.analysis_generation)
     .bind(channel.wear_generation)
     .fetch_all(&mut **snapshot)

@@ -41,13 +41,13 @@ impl Store {
     }
 
     /// Deletes the rows of the oldest raw objects, of one asset or of all, until the rest is within `quota`
-    /// bytes or `most` objects are deleted. One process at a time, so that no more are deleted than
+    /// bytes or `max` objects are deleted. One process at a time, so that no more are deleted than
     /// necessary. Their segments are kept. The caller removes the files.
     pub async fn delete_oldest_raw(
         &self,
         asset: Option<&AssetId>,
         quota: u64,
-        most: u32,
+        max: u32,
     ) -> Result<DeletedRaw, StoreError> {
         let mut transaction = self.write()?.begin().await?;
         // Other processes wait here until the end of this transaction, and then see its result.
@@ -64,7 +64,7 @@ impl Store {
             }
             None => "SELECT sha256, asset_id, bytes FROM raw_objects ORDER BY start_time_ns LIMIT $1",
         };
-        let mut query = sqlx::query(text).bind(i64::from(most));
+        let mut query = sqlx::query(text).bind(i64::from(max));
         if let Some(asset) = asset {
             query = query.bind(asset.as_str());
         }

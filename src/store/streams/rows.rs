@@ -68,7 +68,7 @@ pub struct StreamCheckpoint<'a> {
 }
 
 impl Store {
-    /// Creates a stream with a state, unless there is one; returns false if the asset has `most` others.
+    /// Creates a stream with a state, unless there is one; returns false if the asset has `max` others.
     ///
     /// # Errors
     /// [`StoreError::AssetUnknown`] if the asset created at `created_at` is deleted.
@@ -78,7 +78,7 @@ impl Store {
         created_at: Timestamp,
         name: &str,
         state: &Bytes,
-        most: usize,
+        max: usize,
     ) -> Result<bool, StoreError> {
         let mut transaction = self.write()?.begin().await?;
         // Streams of an asset are created one after the other.
@@ -94,7 +94,7 @@ impl Store {
         if get::<i64>(&row, "created_at_ns")? != to_ns(created_at)? {
             return Err(unknown());
         }
-        if get_count(&row, "others")? >= most as u64 {
+        if get_count(&row, "others")? >= max as u64 {
             return Ok(false);
         }
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'stream_no'")

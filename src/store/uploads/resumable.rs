@@ -82,13 +82,13 @@ pub struct ReadLease {
 }
 
 impl Store {
-    /// Starts an upload; returns false if `most` uploads are in progress, or `most_of_client` of the same
+    /// Starts an upload; returns false if `max` uploads are in progress, or `max_of_client` of the same
     /// client, whose identifiers start with the same `CLIENT_MARK` characters.
     pub async fn begin_resumable(
         &self,
         upload: &NewUpload,
-        most: u32,
-        most_of_client: u32,
+        max: u32,
+        max_of_client: u32,
     ) -> Result<bool, StoreError> {
         let begun = sqlx::query(
             "INSERT INTO resumable_uploads (id, asset_id, length, received, progress, expires_at_ns)
@@ -100,9 +100,9 @@ impl Store {
         .bind(upload.asset.as_str())
         .bind(i64::try_from(upload.length).unwrap_or(i64::MAX))
         .bind(to_ns(upload.expires_at)?)
-        .bind(i64::from(most))
+        .bind(i64::from(max))
         .bind(upload.id.get(..CLIENT_MARK).unwrap_or(&upload.id))
-        .bind(i64::from(most_of_client))
+        .bind(i64::from(max_of_client))
         .execute(self.write()?)
         .await?;
         Ok(begun.rows_affected() > 0)
