@@ -1,10 +1,10 @@
 //! Creating, changing and deleting assets.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use super::backfill::Backfill;
 use super::clock::Clock;
+use super::conflicts::retry_conflicts;
 use super::error::ServiceError;
 use super::events::{EventSender, LiveEvent};
 use super::history::History;
@@ -18,32 +18,13 @@ use crate::asset::{AssetId, AssetSpec};
 use crate::store::{Asset, RecordRange, Store, StoreError};
 
 /// Maximum number of times that a description is checked again because another one changed in the meantime.
-const MAX_TRIES: u32 = 20;
+const MAX_RETRIES: u32 = 20;
+
+/// What is retried, in the log.
+const CHANGE: &str = "the change of a description";
 
 /// Records of each channel removed in one transaction before an asset is deleted.
 const REMOVAL_BATCH: u32 = 200;
-
-/// Wait before the first retry; it grows with each retry, so that concurrent changes all get through.
-const WAIT: Duration = Duration::from_millis(5);
-
-/// Number of failed attempts to change a description.
-#[derive(Debug, Default)]
-struct Tries(u32);
-
-impl Tries {
-    /// Returns how long to wait before the next attempt; `None` unless the change conflicted with one of
-    /// another process: the assets of one sensor depend on each other.
-    fn wait_after<T>(&mut self, changed: &Result<T, ServiceError>) -> Option<Duration> {
-        match changed {
-            Err(ServiceError::Store(error)) if error.is_conflict() && self.0 < MAX_TRIES => {
-                tracing::debug!(%error, tries = self.0, "conflict with another process; retrying the change of a description");
-                self.0 += 1;
-                Some(WAIT * self.0)
-            }
-            _ => None,
-        }
-    }
-}
 
 /// Creates, changes and deletes assets.
 pub struct Assets {
@@ -68,14 +49,7 @@ impl Assets {
     /// The asset whose sensor it shares does not exist or itself shares a sensor.
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let _guard = self.describing.lock().await;
-        let mut tries = Tries::default();
-        let asset = loop {
-            let inserted = self.insert_checked(spec).await;
-            match tries.wait_after(&inserted) {
-                Some(wait) => tokio::time::sleep(wait).await,
-                None => break inserted?,
-            }
-        };
+        let asset = retry_conflicts(CHANGE, MAX_RETRIES, || self.insert_checked(spec)).await?;
         self.raw.note_changed_asset(&spec.id).await;
         self.simulations.describe(spec);
         if let Role::ApiNode(queue) = &self.role {
@@ -108,14 +82,7 @@ impl Assets {
     pub async fn update(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
         let _guard = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
-        let mut tries = Tries::default();
-        let asset = loop {
-            let updated = self.update_checked(spec, precondition).await;
-            match tries.wait_after(&updated) {
-                Some(wait) => tokio::time::sleep(wait).await,
-                None => break updated?,
-            }
-        };
+        let asset = retry_conflicts(CHANGE, MAX_RETRIES, || self.update_checked(spec, precondition)).await?;
         self.raw.note_changed_asset(&spec.id).await;
         self.simulations.describe(spec);
         self.events.send(LiveEvent::AssetChanged(spec.id.clone()));
@@ -155,14 +122,8 @@ impl Assets {
         let removed = self.remove_records(id).await?;
         // The deletion has begun: a description that another process changes meanwhile does not end it.
         let precondition = removed.is_none().then_some(precondition);
-        let mut tries = Tries::default();
-        let (beside, mut orphans) = loop {
-            let deleted = self.delete_checked(id, precondition).await;
-            match tries.wait_after(&deleted) {
-                Some(wait) => tokio::time::sleep(wait).await,
-                None => break deleted?,
-            }
-        };
+        let (beside, mut orphans) =
+            retry_conflicts(CHANGE, MAX_RETRIES, || self.delete_checked(id, precondition)).await?;
         self.raw.note_changed_asset(id).await;
         self.history.recompute_in_background(beside);
         self.history.forget(id);

@@ -33,6 +33,7 @@ mod backfill;
 mod background;
 mod client_limiter;
 mod clock;
+mod conflicts;
 mod error;
 mod events;
 mod exclusion;

@@ -10,6 +10,7 @@ use tokio::sync::oneshot;
 
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::service::clock::Clock;
+use crate::service::conflicts::retry_conflicts;
 use crate::service::error::ServiceError;
 use crate::service::events::EventSender;
 use crate::service::history::{Appended, Committed, History};
@@ -160,23 +161,19 @@ impl Committer {
         &self,
         jobs: &[(AssetId, Vec<NewSegment>)],
     ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
-        let mut tries = 0;
-        loop {
-            let outcome = if self.store.is_shared() {
-                let together = tokio::time::timeout(COMMIT_TIMEOUT, self.commit_together(jobs));
-                together.await.unwrap_or(Err(STORE_UNAVAILABLE))
-            } else {
-                self.commit_together(jobs).await
-            };
-            match outcome {
-                Err(ServiceError::Store(error)) if error.is_conflict() && tries < MAX_RETRIES => {
-                    tries += 1;
-                    tracing::debug!(%error, tries, "conflict with another process; retrying the commit");
-                    tokio::time::sleep(Duration::from_millis(u64::from(5 * tries))).await;
-                }
-                outcome => return outcome,
-            }
+        retry_conflicts("the commit", MAX_RETRIES, || self.commit_in_time(jobs)).await
+    }
+
+    /// Stores all jobs in one transaction, or none; fails if a shared store does not respond in time.
+    async fn commit_in_time(
+        &self,
+        jobs: &[(AssetId, Vec<NewSegment>)],
+    ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
+        if !self.store.is_shared() {
+            return self.commit_together(jobs).await;
         }
+        let together = tokio::time::timeout(COMMIT_TIMEOUT, self.commit_together(jobs));
+        together.await.unwrap_or(Err(STORE_UNAVAILABLE))
     }
 
     /// Stores all jobs in one transaction, or none.
