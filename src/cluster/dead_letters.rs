@@ -11,7 +11,7 @@ use super::connection::Connection;
 use super::partition::Source;
 use super::{ClusterError, message};
 use crate::settings::SettingError;
-use crate::store::RecordNote;
+use crate::store::RecordMetadata;
 
 /// Header with the reason why a record is a dead letter.
 const REASON: &str = "Flankwatch-Reason";
@@ -57,7 +57,7 @@ pub struct DeadLetter {
     /// Size of the message in bytes.
     pub message_bytes: usize,
     /// The record; `None` where the message cannot be read.
-    pub record: Option<RecordNote>,
+    pub record: Option<RecordMetadata>,
 }
 
 /// Lists all dead letters, oldest first.
@@ -128,6 +128,6 @@ fn dead_letter(message: &StreamMessage) -> DeadLetter {
         reason: message.headers.get(REASON).map(ToString::to_string).unwrap_or_default(),
         put_at: Timestamp::from_nanosecond(message.time.unix_timestamp_nanos()).unwrap_or_default(),
         message_bytes: message.payload.len(),
-        record: message::decode(&message.payload).ok().map(|queued| queued.note),
+        record: message::decode(&message.payload).ok().map(|queued| queued.metadata),
     }
 }

@@ -9,7 +9,7 @@ use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
 use crate::settings::SettingError;
 use crate::signal::OperatingPoint;
-use crate::store::RecordNote;
+use crate::store::RecordMetadata;
 
 #[expect(unreachable_pub, reason = "generated from the schema, which documents each field")]
 mod generated {
@@ -21,7 +21,7 @@ mod generated {
 /// # Errors
 /// A time is out of range for 64-bit nanoseconds.
 pub(super) fn encode(queued: &QueuedRecord) -> Result<Bytes, ClusterError> {
-    let record = &queued.note;
+    let record = &queued.metadata;
     let message = generated::QueuedRecord {
         segment_id: record.id.0.clone(),
         asset: record.asset_id.to_string(),
@@ -57,7 +57,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
     }
     let asset =
         AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
-    let note = RecordNote {
+    let metadata = RecordMetadata {
         id: SegmentId(message.segment_id),
         asset_id: asset,
         channel: message.channel,
@@ -77,7 +77,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
             channel_index: message.raw_channel_index,
         },
     };
-    Ok(QueuedRecord { note, asset_created_at: from_ns(message.asset_created_at_ns), dead_letters: 0 })
+    Ok(QueuedRecord { metadata, asset_created_at: from_ns(message.asset_created_at_ns), dead_letters: 0 })
 }
 
 fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     fn record() -> QueuedRecord {
-        let note = RecordNote {
+        let metadata = RecordMetadata {
             id: SegmentId("0123".into()),
             asset_id: AssetId::new("pump").unwrap(),
             channel: "gearbox/x".into(),
@@ -115,7 +115,7 @@ mod tests {
                 channel_index: 3,
             },
         };
-        QueuedRecord { note, asset_created_at: from_ns(5), dead_letters: 0 }
+        QueuedRecord { metadata, asset_created_at: from_ns(5), dead_letters: 0 }
     }
 
     #[test]
@@ -129,11 +129,11 @@ mod tests {
     fn an_invalid_message_is_rejected_with_the_field() {
         assert!(decode(b"\xff\xff").is_err());
         let mut invalid = record();
-        invalid.note.raw.sha256 = "../../etc/passwd".into();
+        invalid.metadata.raw.sha256 = "../../etc/passwd".into();
         let error = decode(&encode(&invalid).unwrap()).unwrap_err().to_string();
         assert!(error.contains("raw_sha256"), "{error}");
         let mut out_of_range = record();
-        out_of_range.note.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
+        out_of_range.metadata.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
         assert!(encode(&out_of_range).unwrap_err().to_string().contains("start_time"));
     }
 }

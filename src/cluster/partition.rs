@@ -46,7 +46,7 @@ impl Source {
     /// Returns the subject on which a message is enqueued; one that cannot be read may be on any.
     pub(super) fn subject_of_message(payload: &[u8], connection: &Connection) -> String {
         match message::decode(payload) {
-            Ok(record) => Self::subject_of(&record.note.asset_id, &record.note.channel, connection),
+            Ok(record) => Self::subject_of(&record.metadata.asset_id, &record.metadata.channel, connection),
             Err(_) => Self::Unpartitioned.subject(connection),
         }
     }

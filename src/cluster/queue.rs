@@ -46,7 +46,8 @@ impl Queue {
             expected: "one that fits into a message".into(),
         })?;
         let message = PublishMessage::build().payload(payload).message_id(message_id(record));
-        let subject = Source::subject_of(&record.note.asset_id, &record.note.channel, &self.connection);
+        let subject =
+            Source::subject_of(&record.metadata.asset_id, &record.metadata.channel, &self.connection);
         let sent = self.connection.jetstream.send_publish(subject, message).await;
         sent.map_err(|error| busy(&error))
     }
@@ -56,7 +57,7 @@ impl Queue {
 /// under the same name, and for a record that has become a dead letter since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
-    hash.update(record.note.id.0.as_bytes());
+    hash.update(record.metadata.id.0.as_bytes());
     hash.update(record.asset_created_at.as_nanosecond().to_le_bytes());
     if record.dead_letters > 0 {
         hash.update(record.dead_letters.to_le_bytes());
@@ -169,7 +170,7 @@ async fn objects_of(connection: &Connection, stream: String) -> Result<HashSet<S
         };
         next = found.sequence + 1;
         if let Ok(record) = message::decode(&found.payload) {
-            objects.insert(record.note.raw.sha256);
+            objects.insert(record.metadata.raw.sha256);
         }
     }
 }

@@ -205,7 +205,7 @@ impl Worker {
         // Counted first: once the dead letter is visible, its record may be sent again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
             let letter = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
-            self.service.store.count_dead_letter(&record.note.id, letter, self.service.now()).await?;
+            self.service.store.count_dead_letter(&record.metadata.id, letter, self.service.now()).await?;
         }
         dead_letters::put(&self.connection, message, reason).await
     }
@@ -217,7 +217,7 @@ impl Worker {
             Ok(queued) => queued,
             Err(error) => return Outcome::DeadLetter(error.to_string()),
         };
-        let record = &queued.note;
+        let record = &queued.metadata;
         match self.crashed_too_often(message).await {
             Ok(None) => {}
             Ok(Some(reason)) => {
@@ -288,7 +288,7 @@ impl Worker {
 
     async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
         let mut ticket = self.service.workers.admit()?;
-        ticket.grow(usize::try_from(record.note.raw.bytes).unwrap_or(usize::MAX))?;
+        ticket.grow(usize::try_from(record.metadata.raw.bytes).unwrap_or(usize::MAX))?;
         self.service.pipeline.process(record, ticket).await
     }
 

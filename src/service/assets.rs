@@ -50,7 +50,7 @@ impl Assets {
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let _guard = self.describing.lock().await;
         let asset = retry_conflicts(CHANGE, MAX_RETRIES, || self.insert_checked(spec)).await?;
-        self.raw.note_changed_asset(&spec.id).await;
+        self.raw.update_asset_metadata(&spec.id).await;
         self.simulations.describe(spec);
         if let Role::ApiNode(queue) = &self.role {
             queue.notify_changed(&spec.id);
@@ -83,7 +83,7 @@ impl Assets {
         let _guard = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
         let asset = retry_conflicts(CHANGE, MAX_RETRIES, || self.update_checked(spec, precondition)).await?;
-        self.raw.note_changed_asset(&spec.id).await;
+        self.raw.update_asset_metadata(&spec.id).await;
         self.simulations.describe(spec);
         self.events.send(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
@@ -110,8 +110,8 @@ impl Assets {
         Ok(store.update_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Deletes an asset, its rows and its streams; many records are removed some at a time. Raw recordings that
-    /// no other asset has are moved into quarantine. After an error, a repeat completes what is left.
+    /// Deletes an asset, its rows and its streams; many records are removed some at a time. Raw recordings
+    /// that no other asset has are moved into quarantine. After an error, a repeat completes what is left.
     ///
     /// # Errors
     /// [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
@@ -124,7 +124,7 @@ impl Assets {
         let precondition = removed.is_none().then_some(precondition);
         let (beside, mut orphans) =
             retry_conflicts(CHANGE, MAX_RETRIES, || self.delete_checked(id, precondition)).await?;
-        self.raw.note_changed_asset(id).await;
+        self.raw.update_asset_metadata(id).await;
         self.history.recompute_in_background(beside);
         self.history.forget(id);
         self.simulations.release(id);

@@ -45,7 +45,7 @@ impl Exclusions {
         let marked = self.mark(&assets, ranges, is_excluded, &mut changed).await;
         // Also after an error, and if nothing changed: an earlier attempt may have failed in between.
         for asset in &assets {
-            self.raw.note_changed_asset(asset).await;
+            self.raw.update_asset_metadata(asset).await;
             let count = changed.get(asset).copied().unwrap_or(0);
             if count > 0 {
                 tracing::info!(%asset, is_excluded, count, "changed the exclusion of records");

@@ -67,7 +67,7 @@ impl Maintenance {
             transaction.fold_again_from(channel, stored.event.time).await?;
         }
         transaction.commit().await?;
-        self.raw.note_changed_asset(asset).await;
+        self.raw.update_asset_metadata(asset).await;
         self.events.send(LiveEvent::MaintenanceChanged {
             asset: asset.clone(),
             event: stored.clone(),

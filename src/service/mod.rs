@@ -23,7 +23,7 @@
 //! 3. `CommitQueue::committing`: one transaction of segments, operator action or maintenance event at a time
 //! 4. a channel's cache; several in the order of asset and channel
 //! 5. the transaction: rows of assets by name, then of channels by asset and name, then dependent rows
-//! 6. `RawObjects::noting`: one note of an asset at a time
+//! 6. `RawObjects::writing_metadata`: the metadata of one asset at a time
 //!
 //! Locks of the standard library are held for a few statements and never across an `await`.
 

@@ -277,7 +277,7 @@ impl Service {
                 all.push(asset.spec.id);
             }
         }
-        self.write_notes_in_background(all.clone());
+        self.write_metadata_in_background(all.clone());
         self.history.recompute_in_background(all);
         self.backfill.in_background(members);
         self.alarms.end_shelvings_in_background();
@@ -312,12 +312,12 @@ impl Service {
         self.raw.sweep().await
     }
 
-    /// Writes the notes of assets that the previous process did not write beside the raw objects.
-    fn write_notes_in_background(&self, assets: Vec<AssetId>) {
+    /// Writes the metadata of assets that the previous process did not write beside the raw objects.
+    fn write_metadata_in_background(&self, assets: Vec<AssetId>) {
         let raw = Arc::clone(&self.raw);
         tokio::spawn(async move {
             for asset in assets {
-                raw.note_changed_asset(&asset).await;
+                raw.update_asset_metadata(&asset).await;
             }
         });
     }

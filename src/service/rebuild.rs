@@ -1,4 +1,4 @@
-//! Rebuilds the database from the raw recordings and the notes stored with them.
+//! Rebuilds the database from the raw recordings and the metadata files stored with them.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -10,7 +10,7 @@ use super::parts::Service;
 use super::work_queue::QueuedRecord;
 use super::workers::blocking;
 use crate::asset::{AssetId, SegmentId};
-use crate::store::{AssetNote, Objects, RecordNote, RecordRange, StoreError, StoredEvent};
+use crate::store::{AssetMetadata, Objects, RecordMetadata, RecordRange, StoreError, StoredEvent};
 
 /// Records looked up or removed in one transaction.
 const IN_ONE_TRANSACTION: usize = 200;
@@ -58,7 +58,8 @@ enum Restored {
 #[derive(Debug)]
 struct Removal {
     at: Timestamp,
-    /// When the record was last received, by its notes; those of an asset that shares a sensor have none.
+    /// When the record was last received, by its metadata files; those of an asset that shares a sensor have
+    /// none.
     received: Option<Timestamp>,
 }
 
@@ -70,51 +71,51 @@ impl Removal {
 }
 
 impl Service {
-    /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
-    /// records in the order of time. Assets that exist get the later descriptions, events and exclusions of
-    /// their notes. `on_progress` is called with the number of records done and the total. If none fails, the
-    /// database then counts as the one that the raw recordings belong to. After an interruption or a failure
-    /// a repeat completes the rest. Histories are recomputed after the next start.
+    /// Ingests every asset and record with metadata beside the raw recordings that is missing in the
+    /// database, records in the order of time. Assets that exist get the later descriptions, events and
+    /// exclusions of their metadata files. `on_progress` is called with the number of records done and the
+    /// total. If none fails, the database then counts as the one that the raw recordings belong to. After an
+    /// interruption or a failure a repeat completes the rest. Histories are recomputed after the next start.
     ///
     /// Records that users removed are skipped, and removed from a database that is older than the recordings;
-    /// `with_removed` they are ingested, and no longer noted as removed.
+    /// `with_removed` they are ingested, and no longer listed in a tombstone.
     pub async fn rebuild(
         &self,
         with_removed: bool,
         on_progress: impl Fn(usize, usize),
     ) -> Result<Rebuilt, ServiceError> {
         let mut rebuilt = Rebuilt::default();
-        // The notes of removals are newer than a database whose mark differs from that of the objects. In the
-        // matching database, a record that is noted as removed is one whose removal failed.
+        // The tombstones are newer than a database whose mark differs from that of the objects. In the
+        // matching database, a record that is listed in a tombstone is one whose removal failed.
         let is_older = self.store.removal_hold().is_some();
-        let mut assets = self.on_objects(Objects::asset_notes).await?;
+        let mut assets = self.on_objects(Objects::all_asset_metadata).await?;
         // Owners of a shared sensor come before the assets that share it.
-        assets.sort_by_key(|note| note.spec.sensor.of.is_some());
+        assets.sort_by_key(|metadata| metadata.spec.sensor.of.is_some());
         let mut updated: HashSet<AssetId> = HashSet::new();
-        for note in &assets {
-            match self.restore_asset(note).await? {
+        for metadata in &assets {
+            match self.restore_asset(metadata).await? {
                 Restored::New => rebuilt.assets += 1,
-                Restored::Updated => drop(updated.insert(note.spec.id.clone())),
+                Restored::Updated => drop(updated.insert(metadata.spec.id.clone())),
                 Restored::Unchanged => {}
             }
         }
         let mut removed = if with_removed { HashMap::new() } else { self.removal_times().await? };
-        let notes = self.missing_records(&mut removed, &mut rebuilt).await?;
-        let all = notes.len();
+        let records = self.missing_records(&mut removed, &mut rebuilt).await?;
+        let all = records.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
         let mut missing = Vec::new();
-        for note in notes {
-            if !created.contains_key(&note.asset_id) {
-                let asset = match self.store.asset(&note.asset_id).await {
+        for metadata in records {
+            if !created.contains_key(&metadata.asset_id) {
+                let asset = match self.store.asset(&metadata.asset_id).await {
                     Ok(asset) => Some(asset.created_at),
                     Err(StoreError::AssetUnknown(_)) => None,
                     Err(error) => return Err(error.into()),
                 };
-                created.insert(note.asset_id.clone(), asset);
+                created.insert(metadata.asset_id.clone(), asset);
             }
-            match created.get(&note.asset_id).copied().flatten() {
+            match created.get(&metadata.asset_id).copied().flatten() {
                 Some(created_at) => {
-                    missing.push(QueuedRecord { note, asset_created_at: created_at, dead_letters: 0 });
+                    missing.push(QueuedRecord { metadata, asset_created_at: created_at, dead_letters: 0 });
                 }
                 None => rebuilt.without_asset += 1,
             }
@@ -131,7 +132,7 @@ impl Service {
                 Err(error) => {
                     rebuilt.failed += 1;
                     if rebuilt.failures.len() < MAX_FAILURES {
-                        let record = &missing[done - 1].note;
+                        let record = &missing[done - 1].metadata;
                         rebuilt.failures.push(format!(
                             "record {} of {} at {}: {error}",
                             record.id, record.asset_id, record.start_time
@@ -140,9 +141,9 @@ impl Service {
                 }
             }
         }
-        for note in &assets {
-            if self.exclude_noted(note).await? {
-                updated.insert(note.spec.id.clone());
+        for metadata in &assets {
+            if self.restore_exclusions(metadata).await? {
+                updated.insert(metadata.spec.id.clone());
             }
         }
         rebuilt.updated = updated.len() as u64;
@@ -150,7 +151,7 @@ impl Service {
         if with_removed {
             let ids: Vec<SegmentId> = self.removal_times().await?.into_keys().collect();
             let stored = self.store.known_segments(&ids).await?;
-            self.on_objects(move |objects| objects.note_restored(&stored, |_| true)).await?;
+            self.on_objects(move |objects| objects.withdraw_tombstones(&stored, |_| true)).await?;
         }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
@@ -160,21 +161,22 @@ impl Service {
     }
 
     /// Adds to the database what it is missing of an asset: the asset, a later description, events. An event
-    /// that the note does not have stays, because the database may have got it since.
-    async fn restore_asset(&self, note: &AssetNote) -> Result<Restored, ServiceError> {
-        let id = &note.spec.id;
-        let (asset, mut restored) = match self.store.insert_asset(&note.spec, None, note.created_at).await {
-            Ok(asset) => (asset, Restored::New),
-            Err(StoreError::AssetExists(_)) => (self.store.asset(id).await?, Restored::Unchanged),
-            Err(error) => return Err(error.into()),
-        };
+    /// that the metadata file does not have stays, because the database may have got it since.
+    async fn restore_asset(&self, metadata: &AssetMetadata) -> Result<Restored, ServiceError> {
+        let id = &metadata.spec.id;
+        let (asset, mut restored) =
+            match self.store.insert_asset(&metadata.spec, None, metadata.created_at).await {
+                Ok(asset) => (asset, Restored::New),
+                Err(StoreError::AssetExists(_)) => (self.store.asset(id).await?, Restored::Unchanged),
+                Err(error) => return Err(error.into()),
+            };
         let known = self.store.maintenance(id).await?;
-        let events: Vec<_> = note.maintenance.iter().filter(|event| !known.contains(event)).collect();
-        if restored == Restored::Unchanged && (note.updated_at > asset.updated_at || !events.is_empty()) {
+        let events: Vec<_> = metadata.maintenance.iter().filter(|event| !known.contains(event)).collect();
+        if restored == Restored::Unchanged && (metadata.updated_at > asset.updated_at || !events.is_empty()) {
             restored = Restored::Updated;
         }
-        if note.updated_at > asset.updated_at {
-            self.store.update_asset(&note.spec, None, note.updated_at).await?;
+        if metadata.updated_at > asset.updated_at {
+            self.store.update_asset(&metadata.spec, None, metadata.updated_at).await?;
         }
         if events.is_empty() {
             return Ok(restored);
@@ -190,12 +192,12 @@ impl Service {
         Ok(restored)
     }
 
-    /// Excludes the stored records that the note of an asset lists; returns whether one of them was not.
-    async fn exclude_noted(&self, note: &AssetNote) -> Result<bool, ServiceError> {
-        let id = &note.spec.id;
+    /// Excludes the stored records that the metadata of an asset lists; returns whether one of them was not.
+    async fn restore_exclusions(&self, metadata: &AssetMetadata) -> Result<bool, ServiceError> {
+        let id = &metadata.spec.id;
         let known: HashSet<SegmentId> = self.store.excluded(id).await?.into_iter().collect();
         let missing: Vec<SegmentId> =
-            note.excluded.iter().filter(|segment| !known.contains(segment)).cloned().collect();
+            metadata.excluded.iter().filter(|segment| !known.contains(segment)).cloned().collect();
         let mut changed = 0;
         for chunk in missing.chunks(IN_ONE_TRANSACTION) {
             for segment in self.store.segments_by_id(chunk).await? {
@@ -234,7 +236,7 @@ impl Service {
     }
 
     async fn ingest(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
-        let raw = &record.note.raw;
+        let raw = &record.metadata.raw;
         let name = raw.sha256.clone();
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(raw.sha256.clone()).into());
@@ -252,41 +254,42 @@ impl Service {
     /// The last removal of each removed record.
     async fn removal_times(&self) -> Result<HashMap<SegmentId, Removal>, ServiceError> {
         let mut removed = HashMap::new();
-        for note in self.on_objects(Objects::removals).await? {
-            for segment in note.segments {
+        for tombstone in self.on_objects(Objects::tombstones).await? {
+            for segment in tombstone.segments {
                 let removal =
-                    removed.entry(segment).or_insert(Removal { at: note.removed_at, received: None });
-                removal.at = note.removed_at.max(removal.at);
+                    removed.entry(segment).or_insert(Removal { at: tombstone.removed_at, received: None });
+                removal.at = tombstone.removed_at.max(removal.at);
             }
         }
         Ok(removed)
     }
 
-    /// The notes of records that the database does not have, by asset and in the order of time. Adds to the
-    /// removals when their records were received.
+    /// The metadata of records that the database does not have, by asset and in the order of time. Adds to
+    /// the removals when their records were received.
     async fn missing_records(
         &self,
         removed: &mut HashMap<SegmentId, Removal>,
         rebuilt: &mut Rebuilt,
-    ) -> Result<Vec<RecordNote>, ServiceError> {
-        let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
+    ) -> Result<Vec<RecordMetadata>, ServiceError> {
+        let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordMetadata> = BTreeMap::new();
         for shard in self.on_objects(Objects::shards).await? {
-            let mut notes = self.on_objects(move |objects| objects.notes(shard)).await?;
-            let ids: Vec<SegmentId> = notes.iter().map(|note| note.id.clone()).collect();
+            let mut records = self.on_objects(move |objects| objects.record_metadata(shard)).await?;
+            let ids: Vec<SegmentId> = records.iter().map(|metadata| metadata.id.clone()).collect();
             let known: HashSet<SegmentId> = self.store.known_segments(&ids).await?;
             rebuilt.known += known.len() as u64;
-            for note in &notes {
-                if let Some(removal) = removed.get_mut(&note.id) {
-                    removal.received = removal.received.max(Some(note.received_at));
+            for metadata in &records {
+                if let Some(removal) = removed.get_mut(&metadata.id) {
+                    removal.received = removal.received.max(Some(metadata.received_at));
                 }
             }
-            notes.retain(|note| !known.contains(&note.id));
-            for note in notes {
-                if removed.get(&note.id).is_some_and(|removal| note.received_at <= removal.at) {
+            records.retain(|metadata| !known.contains(&metadata.id));
+            for metadata in records {
+                if removed.get(&metadata.id).is_some_and(|removal| metadata.received_at <= removal.at) {
                     rebuilt.removed += 1;
                     continue;
                 }
-                missing.insert((note.asset_id.clone(), note.start_time, note.id.clone()), note);
+                missing
+                    .insert((metadata.asset_id.clone(), metadata.start_time, metadata.id.clone()), metadata);
             }
         }
         Ok(missing.into_values().collect())
@@ -297,7 +300,7 @@ impl Service {
         work: impl FnOnce(&Objects) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, ServiceError> {
         let store = self.store.clone();
-        Ok(blocking("read the notes of records", move || work(store.objects())).await??)
+        Ok(blocking("read the metadata of records", move || work(store.objects())).await??)
     }
 }
 

@@ -10,7 +10,7 @@ use super::pipeline::Committer;
 use super::raw::RawObjects;
 use super::sensor_group::SensorGroup;
 use crate::asset::{AssetId, Segment};
-use crate::store::{RecordRange, RemovalNote, Store, StoreError};
+use crate::store::{RecordRange, Store, StoreError, Tombstone};
 
 /// Records of each channel removed in one transaction; other transactions run in between.
 const REMOVAL_BATCH: u32 = 200;
@@ -57,7 +57,7 @@ impl Removals {
         }
         // Also after an error, and if nothing was left: an earlier attempt may have failed in between.
         for asset in &assets {
-            self.raw.note_changed_asset(asset).await;
+            self.raw.update_asset_metadata(asset).await;
             if count > 0 || removed.is_err() {
                 self.events.send(LiveEvent::AssetChanged(asset.clone()));
             }
@@ -84,7 +84,7 @@ impl Removals {
                 Ok(false) => return Ok(()),
                 Err(error) => {
                     if let Err(error) = self.raw.forget_failed_removals().await {
-                        tracing::warn!(%asset, %error, "failed to withdraw the note of a failed removal");
+                        tracing::warn!(%asset, %error, "failed to withdraw the tombstone of a failed removal");
                     }
                     return Err(error);
                 }
@@ -108,10 +108,10 @@ impl Removals {
         if segments.is_empty() {
             return Ok(false);
         }
-        // Before the rows go: without the note a rebuild would bring the records back, and a repeat would not
-        // find them any more.
-        let note = RemovalNote { removed_at: self.clock.now(), segments: segments.clone() };
-        self.raw.note_removal(note).await?;
+        // Before the rows go: without the tombstone a rebuild would bring the records back, and a repeat
+        // would not find them any more.
+        let tombstone = Tombstone { removed_at: self.clock.now(), segments: segments.clone() };
+        self.raw.write_tombstone(tombstone).await?;
         // The owner of the sensor comes last: once its records are gone, those of the others would not be
         // looked for again.
         for of in assets.iter().rev() {

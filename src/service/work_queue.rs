@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ServiceError;
 use crate::asset::AssetId;
-use crate::store::RecordNote;
+use crate::store::RecordMetadata;
 
 /// A record that is identified and whose raw bytes are stored: everything besides these bytes that its
 /// analysis needs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QueuedRecord {
     /// What is stored beside its raw bytes.
-    pub note: RecordNote,
+    pub metadata: RecordMetadata,
     /// When its asset was created, which distinguishes it from a later asset of the same name.
     pub asset_created_at: Timestamp,
     /// How often it recently became a dead letter; the queue treats it as a new record each time it is sent

@@ -67,10 +67,10 @@ pub async fn back_up(data: &Path, to: &Path, quarantined_for: Duration) -> Resul
     }
     let (names, mark) = (names_in(&copy).await?, mark_of(&copy).await?);
     let mut copied = copy_objects(&source, &raw, &names)?;
-    source.copy_notes(&raw, true)?;
+    source.copy_metadata(&raw, true)?;
     if is_current && copied.failed.is_empty() {
         let assets = texts_in(&copy, "SELECT id FROM assets").await?;
-        raw.remove_notes_missing_in(&source, &assets)?;
+        raw.remove_metadata_missing_in(&source, &assets)?;
         copied.unreferenced = quarantine_all_but(&names, &raw, quarantined_for)?;
     }
     raw.set_mark(&mark)?;
@@ -86,9 +86,9 @@ fn unfit(folder: &Path, what: &'static str) -> StoreError {
     StoreError::Folder { path: folder.to_path_buf(), what }
 }
 
-/// Restores a backup into a data folder without a database. Existing objects, notes and streams are kept:
-/// they are newer than the backup. The mark of existing objects says so too, so that the next start reports
-/// it.
+/// Restores a backup into a data folder without a database. Existing objects, metadata files and streams are
+/// kept: they are newer than the backup. The mark of existing objects says so too, so that the next start
+/// reports it.
 ///
 /// # Errors
 /// The data folder has a database, or the backup has none; files cannot be written.
@@ -107,7 +107,7 @@ pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (names, mark) = (names_in(&backup).await?, mark_of(&backup).await?);
     let (source, raw) = (Objects::open_to_read(from.join("raw")), Objects::open(data.join("raw"))?);
     let mut copied = copy_objects(&source, &raw, &names)?;
-    source.copy_notes(&raw, false)?;
+    source.copy_metadata(&raw, false)?;
     match raw.mark()? {
         // Notes may have changed since the generation was raised.
         Some(there) if there.store == mark.store && there.generation <= mark.generation => {
@@ -166,7 +166,7 @@ fn quarantine_all_but(names: &[String], raw: &Objects, quarantined_for: Duration
     }
     raw.remove_quarantined(quarantined_for, now)?;
     for shard in raw.shards()? {
-        raw.remove_empty_notes(raw.empty_notes(shard, |_| true)?, |_| true)?;
+        raw.remove_orphaned_metadata(raw.orphaned_metadata(shard, |_| true)?, |_| true)?;
     }
     Ok(moved)
 }
@@ -235,7 +235,7 @@ mod tests {
 
     use super::*;
     use crate::asset::{AssetId, SegmentId};
-    use crate::store::{AssetNote, RemovalNote, Store, StoreSettings};
+    use crate::store::{AssetMetadata, Store, StoreSettings, Tombstone};
 
     const QUARANTINED_FOR: Duration = Duration::from_secs(3600);
 
@@ -281,21 +281,21 @@ mod tests {
         let names = data_folder(&data).await;
         let there = Objects::open(data.join("raw")).unwrap();
         let removal =
-            RemovalNote { removed_at: Timestamp::UNIX_EPOCH, segments: vec![SegmentId("s".to_owned())] };
-        there.put_removal(&removal).unwrap();
+            Tombstone { removed_at: Timestamp::UNIX_EPOCH, segments: vec![SegmentId("s".to_owned())] };
+        there.put_tombstone(&removal).unwrap();
         let copied = back_up(&data, &copy, QUARANTINED_FOR).await.unwrap();
         assert_eq!((copied.objects, copied.new, copied.unreferenced), (2, 2, 0));
         let raw = Objects::open(copy.join("raw")).unwrap();
-        assert_eq!(raw.removals().unwrap(), [removal]);
+        assert_eq!(raw.tombstones().unwrap(), [removal]);
 
         execute(&data.join(DATABASE), "DELETE FROM raw_objects WHERE sha256 LIKE 'ba78%'").await;
         there.quarantine(&names[0], Timestamp::now()).unwrap();
-        there.note_restored(&[SegmentId("s".to_owned())].into(), |_| true).unwrap();
+        there.withdraw_tombstones(&[SegmentId("s".to_owned())].into(), |_| true).unwrap();
         let copied = back_up(&data, &copy, QUARANTINED_FOR).await.unwrap();
         assert_eq!((copied.objects, copied.new, copied.unreferenced), (1, 0, 1));
         assert_eq!(findings(&copy).await, []);
         assert_eq!(raw.quarantined().unwrap()[0].name, names[0]);
-        assert_eq!(raw.removals().unwrap(), [], "no record is removed");
+        assert_eq!(raw.tombstones().unwrap(), [], "no record is removed");
         back_up(&data, &copy, Duration::ZERO).await.unwrap();
         assert_eq!(raw.quarantined().unwrap(), []);
     }
@@ -317,7 +317,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let (data, copy) = (place.path().join("data"), place.path().join("copy"));
         data_folder(&data).await;
-        let note = |second| AssetNote {
+        let metadata = |second| AssetMetadata {
             spec: serde_json::from_str(r#"{"id":"pump"}"#).unwrap(),
             created_at: Timestamp::UNIX_EPOCH,
             updated_at: Timestamp::from_second(second).unwrap(),
@@ -325,19 +325,22 @@ mod tests {
             excluded: Vec::new(),
         };
         let (id, raw) = (AssetId::new("pump").unwrap(), Objects::open(data.join("raw")).unwrap());
-        raw.put_asset_note(&note(1)).unwrap();
+        raw.put_asset_metadata(&metadata(1)).unwrap();
         back_up(&data, &copy, QUARANTINED_FOR).await.unwrap();
-        raw.put_asset_note(&note(2)).unwrap();
+        raw.put_asset_metadata(&metadata(2)).unwrap();
         fs::remove_file(data.join(DATABASE)).unwrap();
         put_back(&copy, &data).await.unwrap();
-        assert_eq!(raw.asset_note(&id).unwrap(), Some(note(2)));
+        assert_eq!(raw.asset_metadata(&id).unwrap(), Some(metadata(2)));
         let store = Store::open(&StoreSettings::Folder(data.clone())).await.unwrap();
         assert!(store.removal_hold().is_some_and(|why| why.contains("the database is older")));
         store.close().await;
         let elsewhere = place.path().join("elsewhere");
         put_back(&copy, &elsewhere).await.unwrap();
         let store = Store::open(&StoreSettings::Folder(elsewhere)).await.unwrap();
-        assert_eq!((store.objects().asset_note(&id).unwrap(), store.removal_hold()), (Some(note(1)), None));
+        assert_eq!(
+            (store.objects().asset_metadata(&id).unwrap(), store.removal_hold()),
+            (Some(metadata(1)), None)
+        );
         store.close().await;
     }
 }

@@ -58,7 +58,7 @@ pub use maintenance::StoredEvent;
 pub use notifications::delivery::{Attempt, Notified, PendingNotification};
 pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
 pub use objects::{
-    AssetNote, Disk, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark, SystemDisk,
+    AssetMetadata, Disk, ListedObject, Objects, Quarantined, RecordMetadata, StoreMark, SystemDisk, Tombstone,
 };
 pub use records::latest::LatestRecord;
 use records::latest::LatestRecordCache;
@@ -215,8 +215,8 @@ impl Store {
         self.inner.database.damage.get()
     }
 
-    /// Records damage of the database file that a statement reported. Damage of its pages counts until a check
-    /// of the file shows that there is none. Must be called inside a Tokio runtime.
+    /// Records damage of the database file that a statement reported. Damage of its pages counts until a
+    /// check of the file shows that there is none. Must be called inside a Tokio runtime.
     pub fn note_damage(&self, found: &FoundDamage) {
         let Database { damage, path, .. } = &self.inner.database;
         damage.found(found, path.as_deref());

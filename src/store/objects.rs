@@ -6,7 +6,7 @@ mod bucket;
 mod disk;
 mod folder;
 mod mark;
-mod notes;
+mod metadata;
 mod quarantine;
 
 use std::fmt;
@@ -22,7 +22,7 @@ use super::StoreError;
 pub use disk::{Disk, SystemDisk};
 pub(super) use folder::{file_error, if_exists};
 pub use mark::StoreMark;
-pub use notes::{AssetNote, RecordNote, RemovalNote};
+pub use metadata::{AssetMetadata, RecordMetadata, Tombstone};
 pub use quarantine::Quarantined;
 
 /// Path of the file written to check for write access; nothing reads it.
@@ -45,15 +45,20 @@ trait Backend: fmt::Debug + Send + Sync {
     /// The path of an object.
     fn object_path(&self, name: &str) -> String;
 
-    /// Stores every object, and a note beside them; bytes and names are durable once this returns.
-    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError>;
+    /// Stores every object, and a metadata file beside them; bytes and names are durable once this returns.
+    fn put_all(
+        &self,
+        objects: &[(String, Bytes)],
+        metadata: Option<(String, Bytes)>,
+    ) -> Result<(), StoreError>;
 
     /// Checks that there is free space for a small record.
     fn check_free_space(&self) -> Result<(), StoreError> {
         Ok(())
     }
 
-    /// The first bytes of the names of existing objects and notes, in order; all bytes if they are unknown.
+    /// The first bytes of the names of existing objects and metadata files, in order; all bytes if they are
+    /// unknown.
     fn shards(&self) -> Result<Vec<u8>, StoreError> {
         Ok((0..=u8::MAX).collect())
     }
@@ -146,10 +151,10 @@ impl Objects {
         hex::encode(digest(&SHA256, bytes).as_ref())
     }
 
-    /// Stores every object under its [`name`](Self::name), with the note needed to decode `records` from
-    /// them; bytes and names are durable once this returns.
-    pub fn put_all(&self, objects: &[(String, Bytes)], records: &[RecordNote]) -> Result<(), StoreError> {
-        self.backend.put_all(objects, self.note_of(records)?)
+    /// Stores every object under its [`name`](Self::name), with the metadata file needed to decode `records`
+    /// from them; bytes and names are durable once this returns.
+    pub fn put_all(&self, objects: &[(String, Bytes)], records: &[RecordMetadata]) -> Result<(), StoreError> {
+        self.backend.put_all(objects, self.file_of(records)?)
     }
 
     /// Reads an object and checks its bytes against its name.
@@ -250,7 +255,7 @@ impl Objects {
         self.backend.uploads()
     }
 
-    /// The first bytes of the names of existing objects and notes, in order; in a bucket all bytes.
+    /// The first bytes of the names of existing objects and metadata files, in order; in a bucket all bytes.
     pub fn shards(&self) -> Result<Vec<u8>, StoreError> {
         self.backend.shards()
     }

@@ -164,7 +164,8 @@ fn a_deletion_whose_client_disconnects_is_complete() {
         assert!(began.elapsed() < Duration::from_secs(60), "assets are still being deleted");
     }
     assert!(known().len() < ids.len());
-    let notes = service.service().store.objects().asset_notes();
-    let noted: BTreeSet<String> = notes.unwrap().into_iter().map(|note| note.spec.id.to_string()).collect();
-    assert_eq!(noted, known());
+    let metadata = service.service().store.objects().all_asset_metadata();
+    let written: BTreeSet<String> =
+        metadata.unwrap().into_iter().map(|metadata| metadata.spec.id.to_string()).collect();
+    assert_eq!(written, known());
 }

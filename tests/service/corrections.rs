@@ -368,7 +368,7 @@ fn the_baseline_can_be_chosen_by_time_range() {
     take_back(&events["items"][0]);
 }
 
-/// Makes writes into a folder of notes fail until the returned function is called.
+/// Makes writes into a folder of metadata files fail until the returned function is called.
 fn block(service: &Service, folder: &str) -> impl FnOnce() + use<> {
     let path = service.folder().join("raw").join(folder);
     let aside = path.with_extension("aside");
@@ -394,9 +394,9 @@ fn a_removal_whose_note_cannot_be_written_is_completed_by_a_repeat() {
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 3);
     unblock();
     assert_eq!(service.delete(range).expect(200).json(), json!({ "deleted": 2 }));
-    let notes = service.service().store.objects().removals().unwrap();
+    let tombstones = service.service().store.objects().tombstones().unwrap();
     let mut removed: Vec<String> =
-        notes.into_iter().flat_map(|note| note.segments).map(|segment| segment.0).collect();
+        tombstones.into_iter().flat_map(|tombstone| tombstone.segments).map(|segment| segment.0).collect();
     removed.sort_unstable();
     let mut expected: Vec<&str> =
         segments[..2].iter().map(|segment| segment["id"].as_str().unwrap()).collect();
@@ -416,6 +416,6 @@ fn an_exclusion_whose_note_cannot_be_written_is_noted_by_a_repeat() {
     assert_eq!(exclude(), 1);
     unblock();
     assert_eq!(exclude(), 0);
-    let note = service.service().store.objects().asset_note(&asset).unwrap().unwrap();
-    assert_eq!(note.excluded, [SegmentId(id)]);
+    let metadata = service.service().store.objects().asset_metadata(&asset).unwrap().unwrap();
+    assert_eq!(metadata.excluded, [SegmentId(id)]);
 }

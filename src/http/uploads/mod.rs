@@ -29,7 +29,7 @@ use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::JsonBlock;
 use crate::service::{Accepted, BatchSummary, ChannelNames, JointWear};
-use crate::store::{KeyedUpload, RecordNote};
+use crate::store::{KeyedUpload, RecordMetadata};
 use parameters::UploadParameters;
 
 const MCAP: &str = "application/mcap";
@@ -52,7 +52,7 @@ pub(super) struct QueuedSegment {
     /// `queued`.
     state: &'static str,
     #[serde(flatten)]
-    record: RecordNote,
+    record: RecordMetadata,
 }
 
 impl From<Accepted> for AcceptedRecord {
@@ -265,8 +265,8 @@ impl Upload<'_> {
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
 
-    /// The stored response of an earlier upload. If one of its segments was deleted, the response is forgotten
-    /// and the upload is processed again.
+    /// The stored response of an earlier upload. If one of its segments was deleted, the response is
+    /// forgotten and the upload is processed again.
     async fn earlier_response(&self, first: &KeyedUpload) -> Result<Option<UploadResponse>, Problem> {
         let Some(response) =
             first.response.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok())

@@ -68,7 +68,7 @@ use super::tally::{RecordOutcome, Tally};
 use super::work_queue::{QueuedRecord, Role, WorkQueue};
 use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
-use crate::store::{NewSegment, RecordNote, Store, StoreError};
+use crate::store::{NewSegment, RecordMetadata, Store, StoreError};
 use commit::CommittedSegment;
 pub(crate) use commit::{CommitQueue, Committer};
 pub(crate) use read_ahead::{ReadBatch, RecordStream};
@@ -86,7 +86,7 @@ pub enum Accepted {
     /// It was stored before.
     Repeated(Box<Segment>),
     /// Its raw bytes are stored, and it is queued for its analysis.
-    Queued(Box<RecordNote>),
+    Queued(Box<RecordMetadata>),
 }
 
 impl Accepted {
@@ -135,10 +135,12 @@ struct AnalysedBatch {
     raw: UncommittedObjects,
 }
 
-/// The raw bytes of records by their names, with the notes needed to decode them, or none if they are stored.
-enum RawBytes {
-    New(Vec<(String, Bytes)>, Vec<RecordNote>),
-    Stored,
+/// Raw bytes to be stored, by their names, with the metadata needed to decode their records; empty if they
+/// are stored already.
+#[derive(Default)]
+struct NewRawBytes {
+    objects: Vec<(String, Bytes)>,
+    metadata: Vec<RecordMetadata>,
 }
 
 impl Pipeline {
@@ -227,15 +229,15 @@ impl Pipeline {
     }
 
     async fn take_queued(&self, queued: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
-        let note = &queued.note;
-        let group = SensorGroup::of(&self.store, &note.asset_id).await?;
+        let metadata = &queued.metadata;
+        let group = SensorGroup::of(&self.store, &metadata.asset_id).await?;
         if group.asset.created_at != queued.asset_created_at {
             return Ok(None);
         }
-        let known = known_to_all(&self.store, std::slice::from_ref(note), &group.members).await?;
+        let known = known_to_all(&self.store, std::slice::from_ref(metadata), &group.members).await?;
         let rest = if known.is_empty() {
-            let record = self.identify_queued(note.clone()).await?;
-            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, note.received_at).await?
+            let record = self.identify_queued(metadata.clone()).await?;
+            self.analyse(group.asset.spec, vec![record], NewRawBytes::default(), metadata.received_at).await?
         } else {
             Rest::Nothing
         };
@@ -269,12 +271,12 @@ impl Pipeline {
             Rest::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
             let queued = self.queued(&group, &records, received_at).await?;
-            self.raw.put(raws, queued.iter().map(|queued| queued.note.clone()).collect()).await?;
+            self.raw.put(raws, queued.iter().map(|queued| queued.metadata.clone()).collect()).await?;
             Rest::Enqueue(Arc::clone(queue), queued)
         } else {
-            let notes = records.iter().map(|record| record.note(&group.asset.spec.id, received_at));
-            let raws = RawBytes::New(raws, notes.collect());
-            self.analyse(group.asset.spec, records, raws, received_at).await?
+            let metadata = records.iter().map(|record| record.metadata(&group.asset.spec.id, received_at));
+            let new = NewRawBytes { objects: raws, metadata: metadata.collect() };
+            self.analyse(group.asset.spec, records, new, received_at).await?
         };
         Ok(Batch { known, rest })
     }
@@ -284,19 +286,14 @@ impl Pipeline {
         &self,
         spec: AssetSpec,
         records: Vec<IdentifiedRecord>,
-        raws: RawBytes,
+        new: NewRawBytes,
         received_at: Timestamp,
     ) -> Result<Rest, ServiceError> {
-        let (raws, notes) = match raws {
-            RawBytes::New(raws, notes) => (raws, notes),
-            RawBytes::Stored => (Vec::new(), Vec::new()),
-        };
-        let raw = self.raw.uncommitted(raws.iter().map(|(name, _)| name.clone()).collect()).await;
+        let raw = self.raw.uncommitted(new.objects.iter().map(|(name, _)| name.clone()).collect()).await;
         let objects = Arc::clone(&self.raw);
-        let put =
-            tokio::spawn(
-                async move { if raws.is_empty() { Ok(()) } else { objects.put(raws, notes).await } },
-            );
+        let put = tokio::spawn(async move {
+            if new.objects.is_empty() { Ok(()) } else { objects.put(new.objects, new.metadata).await }
+        });
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
         put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
@@ -313,7 +310,8 @@ impl Pipeline {
             Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
             Rest::Enqueue(queue, records) => {
                 queue.enqueue(&records).await?;
-                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record.note))));
+                accepted
+                    .extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record.metadata))));
             }
         }
         for accepted in &accepted {
@@ -410,7 +408,7 @@ impl Pipeline {
         let ids: Vec<SegmentId> = records.iter().map(|record| record.id.clone()).collect();
         let dead_letters = self.store.dead_letters_of(&ids).await?;
         let queued = records.iter().map(|record| QueuedRecord {
-            note: record.note(&group.asset.spec.id, received_at),
+            metadata: record.metadata(&group.asset.spec.id, received_at),
             asset_created_at: group.asset.created_at,
             dead_letters: dead_letters.get(&record.id).copied().unwrap_or(0),
         });
@@ -418,7 +416,7 @@ impl Pipeline {
     }
 
     /// Reads a queued record from its raw bytes.
-    async fn identify_queued(&self, queued: RecordNote) -> Result<IdentifiedRecord, ServiceError> {
+    async fn identify_queued(&self, queued: RecordMetadata) -> Result<IdentifiedRecord, ServiceError> {
         let bytes = raw_bytes(&self.store, &queued.raw.sha256).await?;
         let identify = move || {
             let record = StoredRecord::from(&queued).decode(&bytes)?;

@@ -18,7 +18,7 @@ use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::work_queue::Role;
 use crate::service::workers::{Workers, blocking};
-use crate::store::{AssetNote, Objects, RecordNote, RemovalNote, Store, StoreError};
+use crate::store::{AssetMetadata, Objects, RecordMetadata, Store, StoreError, Tombstone};
 
 /// Objects removed under one lock; commits run in between.
 const DISPOSAL_BATCH: usize = 32;
@@ -33,8 +33,9 @@ pub(crate) struct RawObjects {
     /// Read-locked from before raw bytes are stored until their rows are committed; write-locked while
     /// unreferenced objects are removed.
     uncommitted: Arc<RwLock<()>>,
-    /// Held while the note of an asset is written: a slower one would overwrite the note of a later change.
-    noting: Mutex<()>,
+    /// Held while the metadata of an asset is written: a slower one would overwrite the metadata of a later
+    /// change.
+    writing_metadata: Mutex<()>,
 }
 
 /// The objects that records in the queue or among the dead letters reference, read when first needed.
@@ -50,15 +51,22 @@ pub(crate) struct UncommittedObjects {
 
 impl RawObjects {
     pub(crate) fn new(store: Store, workers: Arc<Workers>, role: Role, quarantined_for: Duration) -> Self {
-        Self { store, workers, role, quarantined_for, uncommitted: Arc::default(), noting: Mutex::default() }
+        Self {
+            store,
+            workers,
+            role,
+            quarantined_for,
+            uncommitted: Arc::default(),
+            writing_metadata: Mutex::default(),
+        }
     }
 
-    /// Stores raw bytes under their names, with the notes needed to decode `records` from them; durable once
-    /// this returns.
+    /// Stores raw bytes under their names, with the metadata files needed to decode `records` from them;
+    /// durable once this returns.
     pub(crate) async fn put(
         &self,
         raws: Vec<(String, Bytes)>,
-        records: Vec<RecordNote>,
+        records: Vec<RecordMetadata>,
     ) -> Result<(), ServiceError> {
         let store = self.store.clone();
         Ok(blocking("store raw bytes", move || store.objects().put_all(&raws, &records)).await??)
@@ -94,28 +102,29 @@ impl RawObjects {
         Ok(blocking("store raw bytes", repair).await??)
     }
 
-    /// Writes the note of an asset beside the raw objects, or removes it if the asset is deleted.
+    /// Writes the metadata of an asset beside the raw objects, or removes it if the asset is deleted.
     ///
-    /// An existing note is kept while removals are suspended, that is, if the objects may not belong to the
-    /// database.
-    pub(crate) async fn note_asset(&self, id: &AssetId) -> Result<(), ServiceError> {
-        let _guard = self.noting.lock().await;
-        let mut note = self.note_of(id).await?;
+    /// An existing metadata file is kept while removals are suspended, that is, if the objects may not belong
+    /// to the database.
+    pub(crate) async fn write_asset_metadata(&self, id: &AssetId) -> Result<(), ServiceError> {
+        let _guard = self.writing_metadata.lock().await;
+        let mut metadata = self.asset_metadata(id).await?;
         loop {
-            self.write_note(id, note.clone()).await?;
-            // Another process may have changed the asset and written its note a moment before this one.
-            let now = if self.store.is_shared() { self.note_of(id).await? } else { return Ok(()) };
-            if now == note {
+            self.put_asset_metadata(id, metadata.clone()).await?;
+            // Another process may have changed the asset and written its metadata file a moment before this
+            // one.
+            let now = if self.store.is_shared() { self.asset_metadata(id).await? } else { return Ok(()) };
+            if now == metadata {
                 return Ok(());
             }
-            note = now;
+            metadata = now;
         }
     }
 
-    /// The note of an asset; `None` if it is deleted.
-    async fn note_of(&self, id: &AssetId) -> Result<Option<AssetNote>, ServiceError> {
+    /// The metadata of an asset; `None` if it is deleted.
+    async fn asset_metadata(&self, id: &AssetId) -> Result<Option<AssetMetadata>, ServiceError> {
         match self.store.asset(id).await {
-            Ok(asset) => Ok(Some(AssetNote {
+            Ok(asset) => Ok(Some(AssetMetadata {
                 spec: asset.spec,
                 created_at: asset.created_at,
                 updated_at: asset.updated_at,
@@ -127,58 +136,64 @@ impl RawObjects {
         }
     }
 
-    async fn write_note(&self, id: &AssetId, note: Option<AssetNote>) -> Result<(), ServiceError> {
+    async fn put_asset_metadata(
+        &self,
+        id: &AssetId,
+        metadata: Option<AssetMetadata>,
+    ) -> Result<(), ServiceError> {
         let (store, id) = (self.store.clone(), id.clone());
         let write = move || {
             let objects = store.objects();
-            if store.removal_hold().is_some() && objects.asset_note(&id)?.is_some() {
+            if store.removal_hold().is_some() && objects.asset_metadata(&id)?.is_some() {
                 return Ok(());
             }
-            match &note {
-                Some(note) => objects.put_asset_note(note),
-                None => objects.remove_asset_note(&id),
+            match &metadata {
+                Some(metadata) => objects.put_asset_metadata(metadata),
+                None => objects.remove_asset_metadata(&id),
             }
         };
-        Ok(blocking("write the note of an asset", write).await??)
+        Ok(blocking("write the metadata of an asset", write).await??)
     }
 
-    /// Writes the note of an asset whose change is stored; after a failure the next start writes it.
-    pub(crate) async fn note_changed_asset(&self, id: &AssetId) {
-        if let Err(error) = self.note_asset(id).await {
-            tracing::warn!(asset = %id, %error, "failed to write the note of an asset beside its raw recordings");
+    /// Writes the metadata of an asset whose change is stored; after a failure the next start writes it.
+    pub(crate) async fn update_asset_metadata(&self, id: &AssetId) {
+        if let Err(error) = self.write_asset_metadata(id).await {
+            tracing::warn!(asset = %id, %error, "failed to write the metadata of an asset beside its raw recordings");
         }
     }
 
-    /// Removes the notes of assets that were deleted by a process which ended before it removed them; on a
-    /// shared store only notes that no process can have written recently.
-    async fn remove_stale_asset_notes(&self) -> Result<(), ServiceError> {
+    /// Removes the metadata of assets that were deleted by a process which ended before it removed them; on a
+    /// shared store only metadata files that no process can have written recently.
+    async fn remove_stale_asset_metadata(&self) -> Result<(), ServiceError> {
         let store = self.store.clone();
-        let list = move || Ok::<_, StoreError>((store.objects().asset_notes()?, Age::now(&store)?));
-        let (notes, age) = blocking("read the notes of assets", list).await??;
-        for note in notes.iter().filter(|note| age.is_old_enough(note.created_at.max(note.updated_at))) {
-            if let Err(StoreError::AssetUnknown(id)) = self.store.asset(&note.spec.id).await {
-                tracing::info!(asset = %id, "removing the note of a deleted asset");
-                self.note_asset(&id).await?;
+        let list = move || Ok::<_, StoreError>((store.objects().all_asset_metadata()?, Age::now(&store)?));
+        let (all, age) = blocking("read the metadata of assets", list).await??;
+        for metadata in
+            all.iter().filter(|metadata| age.is_old_enough(metadata.created_at.max(metadata.updated_at)))
+        {
+            if let Err(StoreError::AssetUnknown(id)) = self.store.asset(&metadata.spec.id).await {
+                tracing::info!(asset = %id, "removing the metadata of a deleted asset");
+                self.write_asset_metadata(&id).await?;
             }
         }
         Ok(())
     }
 
-    /// Writes a note of removed records beside the raw objects, so that a rebuild skips them. On a shared
-    /// store their dead-letter count is raised, so that the queue accepts them if they are sent again.
-    pub(crate) async fn note_removal(&self, removal: RemovalNote) -> Result<(), ServiceError> {
+    /// Writes a tombstone of removed records beside the raw objects, so that a rebuild skips them. On a
+    /// shared store their dead-letter count is raised, so that the queue accepts them if they are sent again.
+    pub(crate) async fn write_tombstone(&self, tombstone: Tombstone) -> Result<(), ServiceError> {
         if self.store.is_shared() {
-            let letter = i64::try_from(removal.removed_at.as_nanosecond()).unwrap_or(i64::MAX);
-            for segment in &removal.segments {
-                self.store.count_dead_letter(segment, letter.wrapping_neg(), removal.removed_at).await?;
+            let letter = i64::try_from(tombstone.removed_at.as_nanosecond()).unwrap_or(i64::MAX);
+            for segment in &tombstone.segments {
+                self.store.count_dead_letter(segment, letter.wrapping_neg(), tombstone.removed_at).await?;
             }
         }
         let store = self.store.clone();
-        Ok(blocking("write the note of a removal", move || store.objects().put_removal(&removal)).await??)
+        Ok(blocking("write a tombstone", move || store.objects().put_tombstone(&tombstone)).await??)
     }
 
-    /// Takes records that are stored out of the notes of removed ones: their removal failed, or they were
-    /// sent again. On a shared store only out of notes old enough that no process is still removing the
+    /// Takes records that are stored out of the tombstones: their removal failed, or they were
+    /// sent again. On a shared store only out of those old enough that no process is still removing the
     /// records. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn forget_failed_removals(&self) -> Result<(), ServiceError> {
         // An older database has records that were removed since.
@@ -187,10 +202,10 @@ impl RawObjects {
         }
         let store = self.store.clone();
         let list = move || -> Result<_, StoreError> {
-            let notes = store.objects().removals()?;
-            Ok(notes.into_iter().flat_map(|note| note.segments).collect::<Vec<_>>())
+            let tombstones = store.objects().tombstones()?;
+            Ok(tombstones.into_iter().flat_map(|tombstone| tombstone.segments).collect::<Vec<_>>())
         };
-        let removed = blocking("read the notes of removals", list).await??;
+        let removed = blocking("read the tombstones", list).await??;
         let stored = self.store.known_segments(&removed).await?;
         if stored.is_empty() {
             return Ok(());
@@ -199,9 +214,9 @@ impl RawObjects {
         let forget = move || {
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
             let is_old_enough = |removed_at| age.as_ref().is_none_or(|age| age.is_old_enough(removed_at));
-            store.objects().note_restored(&stored, is_old_enough)
+            store.objects().withdraw_tombstones(&stored, is_old_enough)
         };
-        Ok(blocking("write the notes of removals", forget).await??)
+        Ok(blocking("write the tombstones", forget).await??)
     }
 
     /// Protects objects of these names, which may exist already or not, from removal until the returned guard
@@ -225,8 +240,8 @@ impl RawObjects {
     }
 
     /// Moves all unreferenced objects into quarantine, such as those that a killed process stored without
-    /// results, and removes objects whose quarantine has expired, and notes of deleted assets. Does nothing
-    /// while removals are suspended.
+    /// results, and removes objects whose quarantine has expired, and metadata of deleted assets. Does
+    /// nothing while removals are suspended.
     pub(crate) async fn sweep(&self) -> Result<(), ServiceError> {
         if self.store.check_marks().await?.is_some() {
             return Ok(());
@@ -247,12 +262,12 @@ impl RawObjects {
         };
         let ((objects, bytes), shards, age) = self.workers.run("empty the quarantine", remove).await??;
         for shard in shards {
-            self.remove_empty_notes(shard, Some(age)).await?;
+            self.remove_orphaned_metadata(shard, Some(age)).await?;
         }
         if objects > 0 {
             tracing::info!(objects, bytes, "removed raw objects whose quarantine has expired");
         }
-        self.remove_stale_asset_notes().await
+        self.remove_stale_asset_metadata().await
     }
 
     async fn quarantine_orphans(&self) -> Result<(u64, u64), ServiceError> {
@@ -364,25 +379,26 @@ impl RawObjects {
         let shards: BTreeSet<u8> =
             removed.iter().filter_map(|name| u8::from_str_radix(name.get(..2)?, 16).ok()).collect();
         for shard in shards {
-            self.remove_empty_notes(shard, None).await?;
+            self.remove_orphaned_metadata(shard, None).await?;
         }
         Ok(removed.len())
     }
 
-    /// Removes the notes in a shard none of whose objects exists; with `age` only those that are old enough.
-    async fn remove_empty_notes(&self, shard: u8, age: Option<Age>) -> Result<(), ServiceError> {
+    /// Removes the metadata files in a shard none of whose objects exists; with `age` only those that are old
+    /// enough.
+    async fn remove_orphaned_metadata(&self, shard: u8, age: Option<Age>) -> Result<(), ServiceError> {
         let is_old_enough = move |written_at| age.is_none_or(|age| age.is_old_enough(written_at));
         let store = self.store.clone();
-        let list = move || store.objects().empty_notes(shard, is_old_enough);
-        let empty = self.workers.run("list notes", list).await??;
+        let list = move || store.objects().orphaned_metadata(shard, is_old_enough);
+        let empty = self.workers.run("list metadata files", list).await??;
         if empty.is_empty() {
             return Ok(());
         }
         // The same record may be about to be stored again.
         let _exclusive = self.exclusive().await;
         let store = self.store.clone();
-        let remove = move || store.objects().remove_empty_notes(empty, is_old_enough);
-        Ok(self.workers.run("remove notes", remove).await??)
+        let remove = move || store.objects().remove_orphaned_metadata(empty, is_old_enough);
+        Ok(self.workers.run("remove metadata files", remove).await??)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::service::{
     Accepted, Precondition, RecordFormat, Role, ServiceFolders, SystemClock, UploadMetadata, WorkLimits,
 };
 use crate::signal::Record;
-use crate::store::{Asset, RemovalNote, SegmentFilter, Store, StoreSettings, back_up, put_back};
+use crate::store::{Asset, SegmentFilter, Store, StoreSettings, Tombstone, back_up, put_back};
 
 const QUARANTINED_FOR: Duration = Duration::from_secs(3600);
 
@@ -151,11 +151,11 @@ async fn an_interrupted_rebuild_is_completed_by_a_repeat() {
     lose_database(place.path());
     let service = service_on(place.path()).await;
     // Stopped after the asset and before its events, and after some records and before the exclusions.
-    let note = service.store.objects().asset_note(&pump()).unwrap().unwrap();
-    service.store.insert_asset(&note.spec, None, note.created_at).await.unwrap();
+    let metadata = service.store.objects().asset_metadata(&pump()).unwrap().unwrap();
+    service.store.insert_asset(&metadata.spec, None, metadata.created_at).await.unwrap();
     let missing = service.missing_records(&mut HashMap::new(), &mut Rebuilt::default()).await.unwrap();
-    for note in missing.into_iter().take(3) {
-        let record = QueuedRecord { note, asset_created_at: expected.0.1, dead_letters: 0 };
+    for metadata in missing.into_iter().take(3) {
+        let record = QueuedRecord { metadata, asset_created_at: expected.0.1, dead_letters: 0 };
         service.ingest(&record).await.unwrap();
     }
     assert_ne!(entered(&service).await, expected);
@@ -171,18 +171,19 @@ async fn a_record_whose_removal_failed_is_not_removed_by_a_rebuild() {
     let service = service_on(place.path()).await;
     service.assets.create(&spec("old")).await.unwrap();
     let segments = [upload(&service, 1).await.id, upload(&service, 2).await.id];
-    let note = |n: usize| RemovalNote { removed_at: Timestamp::now(), segments: vec![segments[n].clone()] };
-    service.store.objects().put_removal(&note(0)).unwrap();
+    let tombstone =
+        |n: usize| Tombstone { removed_at: Timestamp::now(), segments: vec![segments[n].clone()] };
+    service.store.objects().put_tombstone(&tombstone(0)).unwrap();
     // The database is that of the recordings.
     let rebuilt = service.rebuild(false, |_, _| {}).await.unwrap();
     assert_eq!((rebuilt.known, rebuilt.removed_again), (2, 0), "{rebuilt:?}");
     service.sweep().await.unwrap();
-    assert_eq!(service.store.objects().removals().unwrap(), []);
+    assert_eq!(service.store.objects().tombstones().unwrap(), []);
     service.store.close().await;
 
     lose_database(place.path());
     let service = service_on(place.path()).await;
-    service.store.objects().put_removal(&note(1)).unwrap();
+    service.store.objects().put_tombstone(&tombstone(1)).unwrap();
     let rebuilt = service.rebuild(false, |_, _| {}).await.unwrap();
     assert_eq!((rebuilt.records, rebuilt.removed), (1, 1), "{rebuilt:?}");
     service.store.close().await;
@@ -193,18 +194,18 @@ async fn the_note_of_a_deleted_asset_is_removed_unless_removals_are_suspended() 
     let place = tempfile::tempdir().unwrap();
     let service = service_on(place.path()).await;
     service.assets.create(&spec("old")).await.unwrap();
-    let note = service.store.objects().asset_note(&pump()).unwrap().unwrap();
-    // As if the process had been killed before it removed the note.
+    let metadata = service.store.objects().asset_metadata(&pump()).unwrap().unwrap();
+    // As if the process had been killed before it removed its metadata.
     let mark = service.store.descriptions_mark().await.unwrap();
     service.store.delete_asset(&pump(), mark).await.unwrap();
     service.sweep().await.unwrap();
-    assert_eq!(service.store.objects().asset_note(&pump()).unwrap(), None);
-    service.store.objects().put_asset_note(&note).unwrap();
+    assert_eq!(service.store.objects().asset_metadata(&pump()).unwrap(), None);
+    service.store.objects().put_asset_metadata(&metadata).unwrap();
     service.store.close().await;
 
     lose_database(place.path());
     let service = service_on(place.path()).await;
     service.sweep().await.unwrap();
-    assert_eq!(service.store.objects().asset_note(&pump()).unwrap(), Some(note));
+    assert_eq!(service.store.objects().asset_metadata(&pump()).unwrap(), Some(metadata));
     service.store.close().await;
 }

@@ -12,7 +12,7 @@ use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{Recorded, RecordingError};
 use crate::service::error::ServiceError;
 use crate::signal::Record;
-use crate::store::{Objects, RecordNote, Store};
+use crate::store::{Objects, RecordMetadata, Store};
 
 /// Maximum reference wear depth in µm, the same as for an inspection.
 const MAX_DEPTH_UM: f64 = 1e5;
@@ -69,10 +69,10 @@ impl IdentifiedRecord {
         }
     }
 
-    /// The note beside its raw bytes.
-    pub(crate) fn note(&self, asset: &AssetId, received_at: Timestamp) -> RecordNote {
+    /// The metadata file beside its raw bytes.
+    pub(crate) fn metadata(&self, asset: &AssetId, received_at: Timestamp) -> RecordMetadata {
         let record = &self.record;
-        RecordNote {
+        RecordMetadata {
             id: self.id.clone(),
             asset_id: asset.clone(),
             channel: record.channel().to_owned(),
@@ -100,7 +100,7 @@ impl Identified for IdentifiedRecord {
     }
 }
 
-impl Identified for RecordNote {
+impl Identified for RecordMetadata {
     fn id(&self) -> &SegmentId {
         &self.id
     }

@@ -17,7 +17,7 @@ use crate::signal::{
     Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, OperatingPoint,
     Record, Spectrum,
 };
-use crate::store::{NewSegment, RecordNote, Store, StoreError};
+use crate::store::{NewSegment, RecordMetadata, Store, StoreError};
 
 /// The metadata of a stored record that is needed to decode its raw bytes.
 pub(crate) struct StoredRecord {
@@ -44,7 +44,7 @@ macro_rules! stored_record_from {
     )+};
 }
 
-stored_record_from!(Segment, NewSegment, RecordNote);
+stored_record_from!(Segment, NewSegment, RecordMetadata);
 
 impl StoredRecord {
     /// Reads the record from its raw bytes, which are checked against their hash. Blocks on the disk or the

@@ -100,9 +100,13 @@ impl Bucket {
 impl Backend for Bucket {
     /// An existing object is written again to reset its age, so that it is not removed as
     /// an old orphan before its results are committed.
-    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
+    fn put_all(
+        &self,
+        objects: &[(String, Bytes)],
+        metadata: Option<(String, Bytes)>,
+    ) -> Result<(), StoreError> {
         let objects = objects.iter().map(|(name, bytes)| (self.object_path(name), bytes.clone()));
-        let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
+        let puts = objects.chain(metadata).map(|(path, bytes)| self.put(self.at(&path), bytes));
         self.runtime.block_on(async {
             let mut puts = stream::iter(puts).buffer_unordered(MAX_CONCURRENT_REQUESTS);
             while let Some(put) = puts.next().await {

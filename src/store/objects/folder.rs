@@ -155,12 +155,16 @@ impl Folder {
 
 impl Backend for Folder {
     /// An object that exists intact is not written again.
-    fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
+    fn put_all(
+        &self,
+        objects: &[(String, Bytes)],
+        metadata: Option<(String, Bytes)>,
+    ) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
         let files =
             objects.iter().map(|(name, bytes)| (self.folder.join(self.object_path(name)), bytes, true));
-        let note = note.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
-        for (path, bytes, is_object) in files.chain(note) {
+        let metadata = metadata.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
+        for (path, bytes, is_object) in files.chain(metadata) {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
             let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
             if !is_whole {

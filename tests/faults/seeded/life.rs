@@ -128,10 +128,10 @@ impl Life {
     pub(super) fn rebuild(self, to: PathBuf, assets: &[&str]) -> Self {
         for asset in assets {
             let id = AssetId::new(*asset).unwrap();
-            self.wait_for("the note of an asset", async || {
+            self.wait_for("the metadata of an asset", async || {
                 let excluded = self.service.store.excluded(&id).await.unwrap();
-                let note = self.service.store.objects().asset_note(&id).unwrap();
-                note.filter(|note| note.excluded == excluded)
+                let metadata = self.service.store.objects().asset_metadata(&id).unwrap();
+                metadata.filter(|metadata| metadata.excluded == excluded)
             });
         }
         let raw = self.folder.join("raw");

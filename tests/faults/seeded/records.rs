@@ -209,7 +209,7 @@ fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
             (known.presence, known.id) = (Presence::Present, id);
         }
         (Change::Delete, Some(_)) => {
-            // Nothing may have been there to delete: then a refused upload may have left its note.
+            // Nothing may have been there to delete: then a refused upload may have left its metadata file.
             let is_deleted = known.is_deleted || known.presence == Presence::Present;
             *known = Known { is_deleted, ..Known::default() };
         }

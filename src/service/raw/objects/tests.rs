@@ -91,9 +91,9 @@ async fn raw_objects(folder: &Path, disk: Arc<dyn Disk>, role: Role) -> Arc<RawO
     Arc::new(RawObjects::new(store, workers, role, Duration::ZERO))
 }
 
-/// The note of a record with this object.
-fn record_note(name: &str) -> RecordNote {
-    RecordNote {
+/// The metadata of a record with this object.
+fn record_metadata(name: &str) -> RecordMetadata {
+    RecordMetadata {
         id: SegmentId(name.to_owned()),
         asset_id: pump(),
         channel: "1".to_owned(),
@@ -147,7 +147,7 @@ async fn a_record_that_is_stored_again_keeps_its_note() {
     let (name, bytes) = object(b"abc");
     let (disk, release) = WaitingDisk::new(&name);
     let raw = raw_objects(folder.path(), Arc::new(SystemDisk), Role::Standalone).await;
-    raw.put(vec![(name.clone(), bytes.clone())], vec![record_note(&name)]).await.unwrap();
+    raw.put(vec![(name.clone(), bytes.clone())], vec![record_metadata(&name)]).await.unwrap();
     raw.store.objects().remove(&name).unwrap();
     raw.store.close().await;
     drop(raw);
@@ -162,7 +162,7 @@ async fn a_record_that_is_stored_again_keeps_its_note() {
         let (raw, name) = (Arc::clone(&raw), name.clone());
         async move {
             let mut uncommitted = raw.uncommitted(vec![name.clone()]).await;
-            raw.put(vec![(name.clone(), bytes)], vec![record_note(&name)]).await.unwrap();
+            raw.put(vec![(name.clone(), bytes)], vec![record_metadata(&name)]).await.unwrap();
             uncommitted.are_committed();
         }
     });
@@ -171,7 +171,7 @@ async fn a_record_that_is_stored_again_keeps_its_note() {
     timeout(LONG, sweep).await.unwrap().unwrap();
     timeout(LONG, stored).await.unwrap().unwrap();
     let shard = u8::from_str_radix(&name[..2], 16).unwrap();
-    assert_eq!(raw.store.objects().notes(shard).unwrap(), [record_note(&name)]);
+    assert_eq!(raw.store.objects().record_metadata(shard).unwrap(), [record_metadata(&name)]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -189,18 +189,18 @@ async fn the_note_of_an_asset_has_its_latest_change() {
         serde_json::from_value(text).unwrap()
     };
     raw.store.insert_asset(&spec("one"), None, Timestamp::UNIX_EPOCH).await.unwrap();
-    let note = || {
+    let write = || {
         let raw = Arc::clone(&raw);
-        tokio::spawn(async move { raw.note_asset(&pump()).await.unwrap() })
+        tokio::spawn(async move { raw.write_asset_metadata(&pump()).await.unwrap() })
     };
-    let slow = note();
+    let slow = write();
     disk.wait_until_waiting().await;
     raw.store.update_asset(&spec("two"), None, Timestamp::UNIX_EPOCH).await.unwrap();
-    let later = note();
+    let later = write();
     tokio::time::sleep(SHORT).await;
     release.send(()).unwrap();
     timeout(LONG, slow).await.unwrap().unwrap();
     timeout(LONG, later).await.unwrap().unwrap();
-    let noted = raw.store.objects().asset_note(&pump()).unwrap().unwrap();
-    assert_eq!(noted.spec, spec("two"));
+    let written = raw.store.objects().asset_metadata(&pump()).unwrap().unwrap();
+    assert_eq!(written.spec, spec("two"));
 }

@@ -1,6 +1,6 @@
-//! Notes stored beside the raw objects, from which the database can be rebuilt: a note of the records that
-//! were stored together (`NAME.BATCH.json` beside the object NAME), one of each asset (`assets/ID.json`), and
-//! notes of removed records (`removed/…`).
+//! Metadata files stored beside the raw objects, from which the database can be rebuilt: one of the records
+//! that were stored together (`NAME.BATCH.json` beside the object NAME), one of each asset
+//! (`assets/ID.json`), and tombstones of removed records (`removed/…`).
 
 use std::collections::HashSet;
 
@@ -20,7 +20,7 @@ const REMOVED: &str = "removed";
 /// The metadata needed to decode a record from its raw bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = QueuedRecord)]
-pub struct RecordNote {
+pub struct RecordMetadata {
     /// Identifier of its segment.
     pub id: SegmentId,
     /// The asset it belongs to.
@@ -46,7 +46,7 @@ pub struct RecordNote {
 
 /// The data of an asset entered by users.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct AssetNote {
+pub struct AssetMetadata {
     /// The description.
     pub spec: AssetSpec,
     /// When it was created.
@@ -64,94 +64,95 @@ pub struct AssetNote {
 
 /// Records removed by users, which a rebuild skips.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RemovalNote {
+pub struct Tombstone {
     /// The time of the removal.
     pub removed_at: Timestamp,
     /// Their segments; a record sent again after the removal is not affected.
     pub segments: Vec<SegmentId>,
 }
 
-/// A note whose objects are all gone.
+/// A metadata file whose objects are all gone.
 #[derive(Debug)]
-pub struct EmptyNote {
+pub struct OrphanedMetadata {
     path: String,
     /// Names of its objects.
     names: Vec<String>,
 }
 
 impl Objects {
-    /// The path and content of the note of records that are stored together; `None` without records.
-    pub(super) fn note_of(&self, records: &[RecordNote]) -> Result<Option<(String, Bytes)>, StoreError> {
+    /// The path and content of the metadata of records that are stored together; `None` without records.
+    pub(super) fn file_of(&self, records: &[RecordMetadata]) -> Result<Option<(String, Bytes)>, StoreError> {
         let Some(first) = records.first() else {
             return Ok(None);
         };
-        // A retry with the same records gives the same note.
+        // A retry with the same records gives the same metadata file.
         let ids: Vec<&str> = records.iter().map(|record| record.id.0.as_str()).collect();
         let batch = Self::name(ids.join(" ").as_bytes());
         let path = format!("{}.{}.json", self.backend.object_path(&first.raw.sha256), &batch[..16]);
         Ok(Some((path.clone(), json(&path, &records)?)))
     }
 
-    /// Reads the notes of the records beside the objects whose names start with this byte.
-    pub fn notes(&self, shard: u8) -> Result<Vec<RecordNote>, StoreError> {
+    /// Reads the metadata of the records beside the objects whose names start with this byte.
+    pub fn record_metadata(&self, shard: u8) -> Result<Vec<RecordMetadata>, StoreError> {
         let mut records = Vec::new();
-        for (_, path) in self.note_paths(shard)? {
-            records.extend(self.read::<Vec<RecordNote>>(&path)?.unwrap_or_default());
+        for (_, path) in self.metadata_paths(shard)? {
+            records.extend(self.read::<Vec<RecordMetadata>>(&path)?.unwrap_or_default());
         }
         Ok(records)
     }
 
-    /// Lists the notes that are old enough, and none of whose objects exists, in quarantine or out of it.
-    pub fn empty_notes(
+    /// Lists the metadata files that are old enough, and none of whose objects exists, in quarantine or out
+    /// of it.
+    pub fn orphaned_metadata(
         &self,
         shard: u8,
         is_old_enough: impl Fn(Timestamp) -> bool,
-    ) -> Result<Vec<EmptyNote>, StoreError> {
-        let mut notes = Vec::new();
-        for (first, path) in self.note_paths(shard)? {
+    ) -> Result<Vec<OrphanedMetadata>, StoreError> {
+        let mut files = Vec::new();
+        for (first, path) in self.metadata_paths(shard)? {
             if self.written_at(&first)?.is_some() {
                 continue;
             }
-            let records = self.read::<Vec<RecordNote>>(&path)?.unwrap_or_default();
+            let records = self.read::<Vec<RecordMetadata>>(&path)?.unwrap_or_default();
             let mut names: Vec<String> = records.into_iter().map(|record| record.raw.sha256).collect();
             names.push(first);
             if !self.has_any(&names)? {
-                notes.push(EmptyNote { path, names });
+                files.push(OrphanedMetadata { path, names });
             }
         }
-        self.empty_among(notes, is_old_enough)
+        self.empty_among(files, is_old_enough)
     }
 
-    /// Removes those of these notes that are still empty and old enough. No objects with notes may be stored
-    /// meanwhile.
-    pub fn remove_empty_notes(
+    /// Removes those of these metadata files that are still empty and old enough. No objects with metadata
+    /// files may be stored meanwhile.
+    pub fn remove_orphaned_metadata(
         &self,
-        notes: Vec<EmptyNote>,
+        files: Vec<OrphanedMetadata>,
         is_old_enough: impl Fn(Timestamp) -> bool,
     ) -> Result<(), StoreError> {
-        let empty = self.empty_among(notes, is_old_enough)?;
-        empty.iter().try_for_each(|note| self.backend.remove_file(&note.path))
+        let empty = self.empty_among(files, is_old_enough)?;
+        empty.iter().try_for_each(|file| self.backend.remove_file(&file.path))
     }
 
     fn empty_among(
         &self,
-        notes: Vec<EmptyNote>,
+        files: Vec<OrphanedMetadata>,
         is_old_enough: impl Fn(Timestamp) -> bool,
-    ) -> Result<Vec<EmptyNote>, StoreError> {
-        if notes.is_empty() {
-            return Ok(notes);
+    ) -> Result<Vec<OrphanedMetadata>, StoreError> {
+        if files.is_empty() {
+            return Ok(files);
         }
         // Listed before the objects are looked for again: one that was moved into quarantine a moment ago is
         // in the list, and one that was restored is at its place again.
         let kept: HashSet<String> =
             self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
         let mut empty = Vec::new();
-        for note in notes {
-            if !note.names.iter().any(|name| kept.contains(name))
-                && !self.has_any(&note.names)?
-                && self.file_written_at(&note.path)?.is_some_and(&is_old_enough)
+        for file in files {
+            if !file.names.iter().any(|name| kept.contains(name))
+                && !self.has_any(&file.names)?
+                && self.file_written_at(&file.path)?.is_some_and(&is_old_enough)
             {
-                empty.push(note);
+                empty.push(file);
             }
         }
         Ok(empty)
@@ -167,32 +168,33 @@ impl Objects {
         Ok(false)
     }
 
-    /// Writes the note of an asset.
-    pub fn put_asset_note(&self, note: &AssetNote) -> Result<(), StoreError> {
-        let path = asset_path(&note.spec.id);
-        let bytes = json(&path, note)?;
+    /// Writes the metadata of an asset.
+    pub fn put_asset_metadata(&self, metadata: &AssetMetadata) -> Result<(), StoreError> {
+        let path = asset_path(&metadata.spec.id);
+        let bytes = json(&path, metadata)?;
         if self.backend.file(&path)?.is_some_and(|known| known == bytes) {
             return Ok(());
         }
         self.backend.put_file(&path, bytes)
     }
 
-    /// Reads the note of an asset; `None` if there is none.
-    pub fn asset_note(&self, id: &AssetId) -> Result<Option<AssetNote>, StoreError> {
+    /// Reads the metadata of an asset; `None` if there is none.
+    pub fn asset_metadata(&self, id: &AssetId) -> Result<Option<AssetMetadata>, StoreError> {
         self.read(&asset_path(id))
     }
 
-    /// Reads the notes of all assets.
-    pub fn asset_notes(&self) -> Result<Vec<AssetNote>, StoreError> {
-        let notes = self.backend.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
-        Ok(notes.collect::<Result<Vec<Option<AssetNote>>, _>>()?.into_iter().flatten().collect())
+    /// Reads the metadata of all assets.
+    pub fn all_asset_metadata(&self) -> Result<Vec<AssetMetadata>, StoreError> {
+        let all = self.backend.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
+        Ok(all.collect::<Result<Vec<Option<AssetMetadata>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Copies all notes to other objects; existing notes of assets are replaced if these are newer.
-    pub(in crate::store) fn copy_notes(&self, to: &Self, are_newer: bool) -> Result<(), StoreError> {
+    /// Copies all metadata files to other objects; existing metadata of assets are replaced if these are
+    /// newer.
+    pub(in crate::store) fn copy_metadata(&self, to: &Self, are_newer: bool) -> Result<(), StoreError> {
         let mut paths: Vec<String> = Vec::new();
         for shard in self.shards()? {
-            paths.extend(self.note_paths(shard)?.into_iter().map(|(_, path)| path));
+            paths.extend(self.metadata_paths(shard)?.into_iter().map(|(_, path)| path));
         }
         for folder in [ASSETS, REMOVED] {
             paths.extend(self.backend.files(folder)?.into_iter().map(|file| file.path));
@@ -206,9 +208,9 @@ impl Objects {
         Ok(())
     }
 
-    /// Removes the notes of assets and of removed records that other objects do not have; those of `assets`
-    /// are kept.
-    pub(in crate::store) fn remove_notes_missing_in(
+    /// Removes the metadata of assets and of removed records that other objects do not have; those of
+    /// `assets` are kept.
+    pub(in crate::store) fn remove_metadata_missing_in(
         &self,
         of: &Self,
         assets: &[String],
@@ -223,31 +225,31 @@ impl Objects {
         Ok(())
     }
 
-    /// Writes the note of removed records.
-    pub fn put_removal(&self, removal: &RemovalNote) -> Result<(), StoreError> {
-        let name = Self::name(&json(REMOVED, removal)?);
+    /// Writes a tombstone of removed records.
+    pub fn put_tombstone(&self, tombstone: &Tombstone) -> Result<(), StoreError> {
+        let name = Self::name(&json(REMOVED, tombstone)?);
         let path = format!("{REMOVED}/{}.json", &name[..16]);
-        self.backend.put_file(&path, json(&path, removal)?)
+        self.backend.put_file(&path, json(&path, tombstone)?)
     }
 
-    /// Reads the notes of all removed records.
-    pub fn removals(&self) -> Result<Vec<RemovalNote>, StoreError> {
-        let notes = self.backend.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
-        Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
+    /// Reads the tombstones.
+    pub fn tombstones(&self) -> Result<Vec<Tombstone>, StoreError> {
+        let tombstones = self.backend.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
+        Ok(tombstones.collect::<Result<Vec<Option<Tombstone>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Takes segments out of those notes of removed records that are old enough, because they are stored.
-    pub fn note_restored(
+    /// Takes segments out of those tombstones that are old enough, because they are stored.
+    pub fn withdraw_tombstones(
         &self,
         restored: &HashSet<SegmentId>,
         is_old_enough: impl Fn(Timestamp) -> bool,
     ) -> Result<(), StoreError> {
         for file in self.backend.files(REMOVED)? {
-            let Some(note) = self.read::<RemovalNote>(&file.path)? else { continue };
-            if !is_old_enough(note.removed_at) {
+            let Some(tombstone) = self.read::<Tombstone>(&file.path)? else { continue };
+            if !is_old_enough(tombstone.removed_at) {
                 continue;
             }
-            let (removed_at, mut segments) = (note.removed_at, note.segments);
+            let (removed_at, mut segments) = (tombstone.removed_at, tombstone.segments);
             let count = segments.len();
             segments.retain(|segment| !restored.contains(segment));
             if segments.len() == count {
@@ -255,32 +257,33 @@ impl Objects {
             }
             // Written before the other is removed: a crash leaves both.
             if !segments.is_empty() {
-                self.put_removal(&RemovalNote { removed_at, segments })?;
+                self.put_tombstone(&Tombstone { removed_at, segments })?;
             }
             self.backend.remove_file(&file.path)?;
         }
         Ok(())
     }
 
-    /// Removes the note of an asset.
-    pub fn remove_asset_note(&self, id: &AssetId) -> Result<(), StoreError> {
+    /// Removes the metadata of an asset.
+    pub fn remove_asset_metadata(&self, id: &AssetId) -> Result<(), StoreError> {
         self.backend.remove_file(&asset_path(id))
     }
 
-    /// The paths of notes, each with the name of the object beside it.
-    fn note_paths(&self, shard: u8) -> Result<Vec<(String, String)>, StoreError> {
+    /// The paths of metadata files, each with the name of the object beside it.
+    fn metadata_paths(&self, shard: u8) -> Result<Vec<(String, String)>, StoreError> {
         let path = self.backend.object_path(&format!("{shard:02x}"));
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let note = |path: String| {
+        let with_object = |path: String| {
             let name = path.strip_suffix(".json")?.rsplit('/').next()?.split('.').next()?;
             is_name(name).then(|| (name.to_owned(), path.clone()))
         };
         let files = self.backend.files(folder)?.into_iter();
-        Ok(files.filter_map(|file| note(file.path)).collect())
+        Ok(files.filter_map(|file| with_object(file.path)).collect())
     }
 
     fn read<T: DeserializeOwned>(&self, path: &str) -> Result<Option<T>, StoreError> {
-        let read = |bytes: Bytes| serde_json::from_slice(&bytes).map_err(StoreError::damaged("note", path));
+        let read =
+            |bytes: Bytes| serde_json::from_slice(&bytes).map_err(StoreError::damaged("metadata file", path));
         self.backend.file(path)?.map(read).transpose()
     }
 }
@@ -289,8 +292,8 @@ fn asset_path(id: &AssetId) -> String {
     format!("{ASSETS}/{id}.json")
 }
 
-fn json(path: &str, note: &impl Serialize) -> Result<Bytes, StoreError> {
-    let json = serde_json::to_vec(note).map_err(StoreError::damaged("note", path))?;
+fn json(path: &str, metadata: &impl Serialize) -> Result<Bytes, StoreError> {
+    let json = serde_json::to_vec(metadata).map_err(StoreError::damaged("metadata file", path))?;
     Ok(json.into())
 }
 
@@ -298,8 +301,8 @@ fn json(path: &str, note: &impl Serialize) -> Result<Bytes, StoreError> {
 mod tests {
     use super::*;
 
-    fn note_of(name: &str) -> RecordNote {
-        RecordNote {
+    fn metadata_of(name: &str) -> RecordMetadata {
+        RecordMetadata {
             id: SegmentId(name.to_owned()),
             asset_id: AssetId::new("pump").unwrap(),
             channel: "1".to_owned(),
@@ -318,20 +321,21 @@ mod tests {
     }
 
     #[test]
-    fn restored_records_are_taken_out_of_the_notes_of_removed_ones() {
+    fn restored_records_are_withdrawn_from_tombstones() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
         let segment = |name: &str| SegmentId(name.to_owned());
-        let notes = [vec!["a", "b"], vec!["c"], vec!["d"]].map(|names| RemovalNote {
+        let tombstones = [vec!["a", "b"], vec!["c"], vec!["d"]].map(|names| Tombstone {
             removed_at: Timestamp::UNIX_EPOCH,
             segments: names.into_iter().map(segment).collect(),
         });
-        notes.iter().for_each(|note| objects.put_removal(note).unwrap());
+        tombstones.iter().for_each(|tombstone| objects.put_tombstone(tombstone).unwrap());
         let restored = ["b", "c", "e"].into_iter().map(segment).collect();
-        objects.note_restored(&restored, |_| false).unwrap();
-        assert_eq!(objects.removals().unwrap().len(), notes.len());
-        objects.note_restored(&restored, |_| true).unwrap();
-        let mut left: Vec<_> = objects.removals().unwrap().into_iter().map(|note| note.segments).collect();
+        objects.withdraw_tombstones(&restored, |_| false).unwrap();
+        assert_eq!(objects.tombstones().unwrap().len(), tombstones.len());
+        objects.withdraw_tombstones(&restored, |_| true).unwrap();
+        let mut left: Vec<_> =
+            objects.tombstones().unwrap().into_iter().map(|tombstone| tombstone.segments).collect();
         left.sort_unstable_by(|one, other| one[0].0.cmp(&other[0].0));
         assert_eq!(left, [[segment("a")], [segment("d")]]);
     }
@@ -342,11 +346,11 @@ mod tests {
         let objects = Objects::open(folder.path()).unwrap();
         let names: Vec<String> = (0..60).map(|number| format!("00{number:062x}")).collect();
         for name in &names {
-            objects.put_all(&[(name.clone(), Bytes::from_static(b"abc"))], &[note_of(name)]).unwrap();
+            objects.put_all(&[(name.clone(), Bytes::from_static(b"abc"))], &[metadata_of(name)]).unwrap();
         }
-        let remove_empty_notes = |are_old: bool| {
-            let empty = objects.empty_notes(0, |_| are_old).unwrap();
-            objects.remove_empty_notes(empty, |_| are_old).unwrap();
+        let remove_orphaned_metadata = |are_old: bool| {
+            let empty = objects.orphaned_metadata(0, |_| are_old).unwrap();
+            objects.remove_orphaned_metadata(empty, |_| are_old).unwrap();
         };
         std::thread::scope(|scope| {
             let moving = scope.spawn(|| {
@@ -355,14 +359,14 @@ mod tests {
                 }
             });
             while !moving.is_finished() {
-                remove_empty_notes(true);
+                remove_orphaned_metadata(true);
             }
         });
-        assert_eq!(objects.notes(0).unwrap().len(), names.len());
+        assert_eq!(objects.record_metadata(0).unwrap().len(), names.len());
         objects.remove_quarantined(std::time::Duration::ZERO, Timestamp::now()).unwrap();
-        remove_empty_notes(false);
-        assert_eq!(objects.notes(0).unwrap().len(), names.len(), "young notes stay");
-        remove_empty_notes(true);
-        assert_eq!(objects.notes(0).unwrap(), []);
+        remove_orphaned_metadata(false);
+        assert_eq!(objects.record_metadata(0).unwrap().len(), names.len(), "young metadata files stay");
+        remove_orphaned_metadata(true);
+        assert_eq!(objects.record_metadata(0).unwrap(), []);
     }
 }
