@@ -181,7 +181,7 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            output::note(&format!("error: {error}"));
+            output::print_stderr(&format!("error: {error}"));
             ExitCode::FAILURE
         }
     }

@@ -18,7 +18,7 @@ pub(super) fn print(text: &str) -> Result<(), CliError> {
 }
 
 /// Prints a line to standard error; a closed pipe is not an error.
-pub(super) fn note(line: &str) {
+pub(super) fn print_stderr(line: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(line));
 }
 

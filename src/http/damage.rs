@@ -18,7 +18,7 @@ pub(super) async fn layer(State(app): State<App>, request: Request, next: Next) 
     }
     let response = next.run(request).await;
     if let Some(DamageFound(found)) = response.extensions().get() {
-        store.note_damage(found);
+        store.report_damage(found);
     }
     response
 }

@@ -54,7 +54,7 @@ impl PendingRejections {
         Ok(())
     }
 
-    /// Notes that the client has sent the next queued rejection under this packet identifier.
+    /// Records that the client has sent the next queued rejection under this packet identifier.
     pub(super) fn sent(&self, packet_id: u16) {
         let mut pending = self.lock();
         if let Some(rejected) = pending.queued.pop_front() {

@@ -114,8 +114,8 @@ impl ChannelSummary {
         }
     }
 
-    /// Notes the place of a record or event that a running recomputation may have passed already.
-    pub fn note_change(&mut self, place: SegmentKey) {
+    /// Marks the place of a record or event that a running recomputation may have passed already.
+    pub fn mark_changed(&mut self, place: SegmentKey) {
         if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
             self.changed_from = Some(place);
         }

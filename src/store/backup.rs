@@ -109,7 +109,7 @@ pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let mut copied = copy_objects(&source, &raw, &names)?;
     source.copy_metadata(&raw, false)?;
     match raw.mark()? {
-        // Notes may have changed since the generation was raised.
+        // Metadata may have changed since the generation was raised.
         Some(there) if there.store == mark.store && there.generation <= mark.generation => {
             raw.set_mark(&StoreMark { generation: mark.generation + 1, ..mark })?;
         }

@@ -126,7 +126,7 @@ impl Transaction {
     ) -> Result<(), StoreError> {
         let mut channel = self.channel_again(channel).await?;
         channel.must_fold |= channel.last_start_time.is_some_and(|last| last >= time);
-        channel.note_change(SegmentKey { start_time: time, id: SegmentId(String::new()) });
+        channel.mark_changed(SegmentKey { start_time: time, id: SegmentId(String::new()) });
         self.set_channel(&mut channel, false).await
     }
 }

@@ -217,9 +217,9 @@ impl Store {
 
     /// Records damage of the database file that a statement reported. Damage of its pages counts until a
     /// check of the file shows that there is none. Must be called inside a Tokio runtime.
-    pub fn note_damage(&self, found: &FoundDamage) {
+    pub fn report_damage(&self, found: &FoundDamage) {
         let Database { damage, path, .. } = &self.inner.database;
-        damage.found(found, path.as_deref());
+        damage.report(found, path.as_deref());
     }
 
     /// Opens the raw objects of a store without its database. Must be called inside a Tokio runtime.

@@ -165,7 +165,7 @@ impl State {
         part
     }
 
-    fn note(&mut self, path: &Path, before: Before) {
+    fn record(&mut self, path: &Path, before: Before) {
         let folder = path.parent().unwrap().to_path_buf();
         self.unsynced.push(Change { folder, path: path.to_path_buf(), before });
     }
@@ -186,7 +186,7 @@ impl Disk for ForgetfulDisk {
         let missing: Vec<&Path> = path.ancestors().take_while(|path| !path.exists()).collect();
         for path in missing.into_iter().rev() {
             fs::create_dir(path)?;
-            state.note(path, Before::Nothing);
+            state.record(path, Before::Nothing);
         }
         Ok(())
     }
@@ -196,14 +196,14 @@ impl Disk for ForgetfulDisk {
             Ok(mut state) => {
                 let before = what_is_at(path);
                 fs::write(path, bytes)?;
-                state.note(path, before);
+                state.record(path, before);
                 Ok(())
             }
             Err((mut state, error)) => {
                 if !was_stopped(&error)
                     && let Ok(()) = fs::write(path, state.part(bytes))
                 {
-                    state.note(path, Before::Nothing);
+                    state.record(path, Before::Nothing);
                 }
                 Err(error)
             }
@@ -223,7 +223,7 @@ impl Disk for ForgetfulDisk {
     fn create_file(&self, path: &Path) -> io::Result<File> {
         let mut state = self.next().map_err(|(_, error)| error)?;
         let file = File::options().append(true).create_new(true).open(path)?;
-        state.note(path, Before::Nothing);
+        state.record(path, Before::Nothing);
         Ok(file)
     }
 
@@ -245,15 +245,15 @@ impl Disk for ForgetfulDisk {
         let (moved, replaced) = (what_is_at(from), what_is_at(to));
         fs::rename(from, to)?;
         // Each folder is synced by itself: a crash may leave the file under both names, or under none.
-        state.note(from, moved);
-        state.note(to, replaced);
+        state.record(from, moved);
+        state.record(to, replaced);
         Ok(())
     }
 
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         let mut state = self.next().map_err(|(_, error)| error)?;
         fs::hard_link(from, to)?;
-        state.note(to, Before::Nothing);
+        state.record(to, Before::Nothing);
         Ok(())
     }
 
@@ -261,7 +261,7 @@ impl Disk for ForgetfulDisk {
         let mut state = self.next().map_err(|(_, error)| error)?;
         let before = what_is_at(path);
         fs::remove_file(path)?;
-        state.note(path, before);
+        state.record(path, before);
         Ok(())
     }
 

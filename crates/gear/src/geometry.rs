@@ -87,11 +87,11 @@ impl GearPair {
         let alpha0 = basic.pressure_angle_deg.to_radians();
         let reference = basic.teeth.map(|z| basic.module_mm * f64::from(z) / 2.0);
         let base = reference.map(|r| r * alpha0.cos());
-        refusals.note(limits::check_load(spec, base));
+        refusals.check(limits::check_load(spec, base));
         let zero_backlash = refusals.take(zero_backlash_angle(basic, alpha0))?;
         let least_centre_mm = (base[0] + base[1]) / zero_backlash.cos();
         let centre_distance_mm = basic.centre_distance_mm.unwrap_or(least_centre_mm);
-        refusals.note(limits::check_centre(basic, centre_distance_mm, base, least_centre_mm));
+        refusals.check(limits::check_centre(basic, centre_distance_mm, base, least_centre_mm));
         if centre_distance_mm <= base[0] + base[1] {
             return None;
         }
@@ -115,7 +115,7 @@ impl GearPair {
                 FRAC_PI_2 / teeth + involute(alpha0) + 2.0 * basic.profile_shift[i] * alpha0.tan() / teeth;
             let sap_length_mm =
                 centre_distance_mm * pressure_angle_rad.sin() - flank_length(tip[1 - i], base[1 - i]);
-            refusals.note(limits::check_active_profile(basic, i, sap_length_mm, alpha0));
+            refusals.check(limits::check_active_profile(basic, i, sap_length_mm, alpha0));
             gears.push(Gear {
                 teeth: basic.teeth[i],
                 reference_radius_mm: reference[i],
@@ -132,7 +132,7 @@ impl GearPair {
                 inertia_kg_m2: inertia(spec, i, reference[i]),
             });
         }
-        refusals.note(limits::check_reach(centre_distance_mm, tip));
+        refusals.check(limits::check_reach(centre_distance_mm, tip));
         let gears = <[Gear; 2]>::try_from(gears).ok()?;
         let pair = Self {
             spec: spec.clone(),

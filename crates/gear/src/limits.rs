@@ -26,47 +26,47 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
             refusals.add(GearError::field("geometry.teeth", teeth, "from 5 to 2000 teeth"));
         }
     }
-    refusals.note(positive("geometry.module_mm", basic.module_mm, 200.0));
-    refusals.note(positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0));
-    refusals.note(within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0));
+    refusals.check(positive("geometry.module_mm", basic.module_mm, 200.0));
+    refusals.check(positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0));
+    refusals.check(within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0));
     for i in 0..2 {
-        refusals.note(positive("geometry.addendum", basic.addendum[i], 3.0));
-        refusals.note(positive("geometry.dedendum", basic.dedendum[i], 4.0));
+        refusals.check(positive("geometry.addendum", basic.addendum[i], 3.0));
+        refusals.check(positive("geometry.dedendum", basic.dedendum[i], 4.0));
         if let Some(bore) = basic.bore_radius_mm {
-            refusals.note(positive("geometry.bore_radius_mm", bore[i], 1e6));
+            refusals.check(positive("geometry.bore_radius_mm", bore[i], 1e6));
         }
-        refusals.note(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
+        refusals.check(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
     }
     if let Some(centre) = basic.centre_distance_mm {
-        refusals.note(positive("geometry.centre_distance_mm", centre, 1e7));
+        refusals.check(positive("geometry.centre_distance_mm", centre, 1e7));
     }
 }
 
 /// Checks the range of every number of material, load, supports, dynamics and errors.
 pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     let MaterialSpec { youngs_modulus_pa, poisson_ratio, density_kg_per_m3 } = spec.material;
-    refusals.note(within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13));
-    refusals.note(within("material.poisson_ratio", poisson_ratio, 0.0, 0.499));
-    refusals.note(within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5));
-    refusals.note(positive("operation.torque_nm", spec.operation.torque_nm, 1e9));
+    refusals.check(within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13));
+    refusals.check(within("material.poisson_ratio", poisson_ratio, 0.0, 0.499));
+    refusals.check(within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5));
+    refusals.check(positive("operation.torque_nm", spec.operation.torque_nm, 1e9));
     if let Some(torque) = spec.operation.output_torque_nm {
-        refusals.note(positive("operation.output_torque_nm", torque, 1e9));
+        refusals.check(positive("operation.output_torque_nm", torque, 1e9));
     }
-    refusals.note(positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4));
+    refusals.check(positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4));
     if let Some(stiffness) = spec.supports.stiffness_n_per_m {
-        refusals.note(positive("supports.stiffness_n_per_m", stiffness, 1e13));
+        refusals.check(positive("supports.stiffness_n_per_m", stiffness, 1e13));
     }
     if let Some(damping) = spec.supports.damping_n_s_per_m {
-        refusals.note(within("supports.damping_n_s_per_m", damping, 0.0, 1e10));
+        refusals.check(within("supports.damping_n_s_per_m", damping, 0.0, 1e10));
     }
-    refusals.note(positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0));
-    refusals.note(positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1));
+    refusals.check(positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0));
+    refusals.check(positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1));
     for i in 0..2 {
         if let Some(masses) = spec.dynamics.mass_kg {
-            refusals.note(positive("dynamics.mass_kg", masses[i], 1e8));
+            refusals.check(positive("dynamics.mass_kg", masses[i], 1e8));
         }
         if let Some(inertias) = spec.dynamics.inertia_kg_m2 {
-            refusals.note(positive("dynamics.inertia_kg_m2", inertias[i], 1e10));
+            refusals.check(positive("dynamics.inertia_kg_m2", inertias[i], 1e10));
         }
     }
     let ErrorSpec {
@@ -83,17 +83,17 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
         ("errors.random_um", random_um),
     ] {
         if let Some(error_um) = error_um {
-            refusals.note(within(field, error_um, 0.0, 1e4));
+            refusals.check(within(field, error_um, 0.0, 1e4));
         }
     }
-    refusals.note(within("errors.short_period_phase", short_period_phase, -1.0, 1.0));
-    refusals.note(within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7));
-    refusals.note(positive("wear.coefficient", spec.wear.coefficient, 1.0));
+    refusals.check(within("errors.short_period_phase", short_period_phase, -1.0, 1.0));
+    refusals.check(within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7));
+    refusals.check(positive("wear.coefficient", spec.wear.coefficient, 1.0));
     for hardness in spec.wear.hardness_pa {
-        refusals.note(within("wear.hardness_pa", hardness, 1e6, 1e12));
+        refusals.check(within("wear.hardness_pa", hardness, 1e6, 1e12));
     }
-    refusals.note(within("wear.pressure_exponent", spec.wear.pressure_exponent, 0.3, 3.0));
-    refusals.note(check_shape(&spec.wear));
+    refusals.check(within("wear.pressure_exponent", spec.wear.pressure_exponent, 0.3, 3.0));
+    refusals.check(check_shape(&spec.wear));
 }
 
 /// Rejects invalid parameters of a shape, whatever its depth.
@@ -188,7 +188,7 @@ pub(super) fn check_tooth(
         refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
         return;
     }
-    refusals.note(check_rack(basic, i, alpha0));
+    refusals.check(check_rack(basic, i, alpha0));
     if root <= 0.0 {
         let expected = format!("a smaller value: the root radius {root:.4} of gear {number} is not above 0");
         refusals.add(GearError::field("geometry.dedendum", basic.dedendum[i], expected));

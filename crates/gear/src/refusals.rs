@@ -20,8 +20,8 @@ impl Refusals {
         result.map_err(|error| self.add(error)).ok()
     }
 
-    /// Adds the result's error.
-    pub(super) fn note<T>(&mut self, result: Result<T, GearError>) {
+    /// Adds the error of a check.
+    pub(super) fn check<T>(&mut self, result: Result<T, GearError>) {
         self.take(result);
     }
 

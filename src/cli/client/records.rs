@@ -75,7 +75,7 @@ pub(in crate::cli) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliErro
     let records = response["records"].as_u64().unwrap_or_default();
     let least = u64::from(BaselineSpec::MIN_RECORDS);
     if records < least {
-        output::note(&format!(
+        output::print_stderr(&format!(
             "warning: a baseline needs at least {least} records: more are collected after the range"
         ));
     }

@@ -27,7 +27,7 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
 /// Shortest wait whose reason is printed.
-const NOTED_WAIT: Duration = Duration::from_secs(2);
+const REPORTED_WAIT: Duration = Duration::from_secs(2);
 
 /// Maximum wait by `Retry-After`.
 const MAX_RETRY_AFTER: Duration = Duration::from_secs(600);
@@ -217,7 +217,7 @@ impl Sender<'_> {
             }
             let pause = retry_after.map_or(wait, |after| after.min(MAX_RETRY_AFTER));
             // A server that is busy for a moment is not worth a line.
-            if pause >= NOTED_WAIT {
+            if pause >= REPORTED_WAIT {
                 let seconds = pause.as_secs();
                 progress.print(&format!("note: {}: {reason}; next attempt in {seconds} s", self.url));
             }

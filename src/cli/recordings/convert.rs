@@ -14,7 +14,7 @@ use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::{PartialFile, check_new, counted, note};
+use crate::cli::output::{PartialFile, check_new, counted, print_stderr};
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
@@ -100,7 +100,7 @@ pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
     }?;
     drop(progress);
     partial.complete()?;
-    note(&format!("{}: {written}", args.output.display()));
+    print_stderr(&format!("{}: {written}", args.output.display()));
     Ok(())
 }
 

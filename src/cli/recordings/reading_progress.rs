@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::cli::output::note;
+use crate::cli::output::print_stderr;
 
 /// A progress bar on standard error, drawn only on a terminal; removed on drop.
 pub(in crate::cli) struct ReadingProgress {
@@ -41,7 +41,7 @@ impl ReadingProgress {
 
     /// Prints a line on standard error above the bar.
     pub(in crate::cli) fn print(&self, line: &str) {
-        self.bar.suspend(|| note(line));
+        self.bar.suspend(|| print_stderr(line));
     }
 }
 

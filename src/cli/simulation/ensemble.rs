@@ -83,7 +83,7 @@ impl Ensembles {
     /// Adds an ensemble to the cache; one that cannot be kept is as good for this run.
     fn keep(&self, ensemble: &Ensemble) {
         if let Err(error) = self.cache.put_ensemble(ensemble) {
-            output::note(&format!("warning: the next run simulates the ensemble again: {error}"));
+            output::print_stderr(&format!("warning: the next run simulates the ensemble again: {error}"));
         }
     }
 

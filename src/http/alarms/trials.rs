@@ -150,7 +150,7 @@ impl Fold {
         while let Some(event) = self.events.get(self.taken).filter(|event| event.time <= time) {
             self.taken += 1;
             for (_, change) in self.panel.maintenance(&self.rules, event) {
-                self.trial.note(change.time, change.severity, None, None);
+                self.trial.add_change(change.time, change.severity, None, None);
             }
         }
         if results.excluded {
@@ -161,13 +161,13 @@ impl Fold {
         self.trial.records += 1;
         self.trial.readings += u64::from(self.rules[0].quantity.value(&results.wear, [own, run]).is_some());
         for (_, change) in self.panel.reading(&self.rules, time, &results.wear, [own, run]) {
-            self.trial.note(time, change.severity, before, change.value);
+            self.trial.add_change(time, change.severity, before, change.value);
         }
     }
 }
 
 impl AlarmTrial {
-    fn note(
+    fn add_change(
         &mut self,
         time: Timestamp,
         severity: Option<Severity>,

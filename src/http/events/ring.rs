@@ -98,13 +98,13 @@ impl EventRing {
             is_over: watch::Sender::new(false),
         });
         for event in backlog {
-            note(&history, &event.event);
+            forward_recomputation(&history, &event.event);
             events.push(event);
         }
         let ring = Arc::clone(&events);
         tokio::spawn(async move {
             while let Some(event) = receiver.recv().await {
-                note(&history, &event.event);
+                forward_recomputation(&history, &event.event);
                 streams.handle_event(&event.event);
                 ring.push(event);
             }
@@ -192,10 +192,10 @@ impl EventRing {
     }
 }
 
-/// Notes a recomputation of another process of the cluster.
-fn note(history: &History, event: &LiveEvent) {
+/// Forwards a recomputation of another process of the cluster.
+fn forward_recomputation(history: &History, event: &LiveEvent) {
     if let LiveEvent::RecomputationChanged(recomputation) = event {
-        history.note_recomputation(recomputation.clone());
+        history.set_recomputation(recomputation.clone());
     }
 }
 

@@ -99,8 +99,8 @@ impl History {
     }
 
     /// Records the progress of a recomputation in another process.
-    pub fn note_recomputation(&self, done_elsewhere: Recomputation) {
-        self.progress.note(done_elsewhere);
+    pub fn set_recomputation(&self, done_elsewhere: Recomputation) {
+        self.progress.insert(done_elsewhere);
     }
 
     /// Brings the histories of assets up to date in the background, one after the other; an API node notifies

@@ -36,7 +36,7 @@ impl Progress {
 
     /// Lists a channel's recomputation as started.
     pub(crate) fn begin(&self, channel: &ChannelSummary, started_at: Timestamp) {
-        self.note(Recomputation {
+        self.insert(Recomputation {
             asset: channel.asset_id.clone(),
             channel: channel.channel.clone(),
             state: RecomputationState::Analysing,
@@ -61,8 +61,8 @@ impl Progress {
         }
     }
 
-    /// Lists a recomputation.
-    pub(crate) fn note(&self, recomputation: Recomputation) {
+    /// Lists a recomputation in place of the previous one of its channel.
+    pub(crate) fn insert(&self, recomputation: Recomputation) {
         let key = (recomputation.asset.clone(), recomputation.channel.clone());
         self.lock().insert(key, Arc::new(recomputation));
     }

@@ -31,12 +31,12 @@ impl UpdateQueue {
         next
     }
 
-    /// Notes that an asset is to be queued again later; false if that is noted already.
+    /// Records that an asset is to be queued again later; false if it is waiting already.
     pub(crate) fn begin_wait(&mut self, asset: &AssetId) -> bool {
         self.waiting.insert(asset.clone())
     }
 
-    /// Notes that an asset is queued again now.
+    /// Records that an asset is queued again now.
     pub(crate) fn end_wait(&mut self, asset: &AssetId) {
         self.waiting.remove(asset);
     }

@@ -108,7 +108,7 @@ impl Pipeline {
             (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
         for (_, recorded) in &records {
             if let Ok(recorded) = recorded {
-                units.note_first(&recorded.record);
+                units.learn_unit(&recorded.record);
             }
         }
         let identified = {

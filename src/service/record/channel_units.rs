@@ -45,7 +45,7 @@ impl ChannelUnits {
     }
 
     /// Takes the unit of a channel from its first record if it is unknown so far.
-    pub(crate) fn note_first(&mut self, record: &Record) {
+    pub(crate) fn learn_unit(&mut self, record: &Record) {
         if self.others.is_none() && !self.by_channel.contains_key(record.channel()) {
             self.by_channel.insert(record.channel().to_owned(), record.unit().to_owned());
         }

@@ -182,7 +182,7 @@ pub(crate) fn identify_upload(
     let sha256 = Objects::name(bytes);
     let identified = (0..).zip(records).map(|(channel_index, record)| {
         check_unit(record.unit())?;
-        units.note_first(&record);
+        units.learn_unit(&record);
         let (record, original_unit) = units.convert(record)?;
         let raw = RawReference {
             sha256: sha256.clone(),

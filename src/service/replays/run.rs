@@ -62,7 +62,7 @@ impl Run {
                     return Ok(());
                 }
                 self.pipeline.finish_batch(before.take().map(|batch| *batch), &mut summary).await?;
-                note(&mut replay, &summary, seconds_before, began.elapsed());
+                update(&mut replay, &summary, seconds_before, began.elapsed());
                 self.list.publish(self.number, &replay);
                 if saved.elapsed() > SAVED_EVERY {
                     saved = tokio::time::Instant::now();
@@ -102,7 +102,7 @@ impl Run {
             replay.records_total = Some(summary.records);
         }
         replay.finished_at = Some(self.clock.now());
-        note(&mut replay, &summary, seconds_before, began.elapsed());
+        update(&mut replay, &summary, seconds_before, began.elapsed());
         self.list.save(self.number, &replay).await;
         self.list.publish(self.number, &replay);
     }
@@ -139,7 +139,7 @@ async fn paced(
 
 /// Updates a replay from the summary of its records; `elapsed` is the time that the records beyond the first
 /// `seconds_before` seconds took.
-fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
+fn update(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
     replay.records_done = summary.records;
     replay.stored = summary.stored;
     replay.repeated = summary.repeated;

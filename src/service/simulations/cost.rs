@@ -37,7 +37,7 @@ impl Cost {
     }
 
     /// Records how long a stage with this many pieces took.
-    pub(super) fn note(&self, stage: SimulationStage, pieces: usize, took: Duration) {
+    pub(super) fn observe(&self, stage: SimulationStage, pieces: usize, took: Duration) {
         if pieces == 0 {
             return;
         }
@@ -73,11 +73,11 @@ mod tests {
         assert!((both_s(&grid) - 9.0 * 1.04 / 2.0).abs() < 1e-9);
         assert!((cost.library_s(&grid) - 0.52).abs() < 1e-9);
         assert_eq!(cost.first_members_s(EnsembleSettings::described_alone()), 0.0);
-        cost.note(SimulationStage::Library, 50, Duration::from_secs(10));
-        cost.note(SimulationStage::FirstMembers, 24, Duration::from_secs(48));
+        cost.observe(SimulationStage::Library, 50, Duration::from_secs(10));
+        cost.observe(SimulationStage::FirstMembers, 24, Duration::from_secs(48));
         // A library that was fetched, and a stage that no estimate contains.
-        cost.note(SimulationStage::Library, 0, Duration::from_secs(1));
-        cost.note(SimulationStage::Members, 100, Duration::from_secs(1));
+        cost.observe(SimulationStage::Library, 0, Duration::from_secs(1));
+        cost.observe(SimulationStage::Members, 100, Duration::from_secs(1));
         assert!((both_s(&grid) - 58.0).abs() < 1e-9);
         let twice = GridSettings { torque_factors: vec![0.5, 1.0], ..grid.clone() };
         assert!((both_s(&twice) - 68.0).abs() < 1e-9);

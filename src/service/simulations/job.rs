@@ -133,7 +133,7 @@ impl Job {
         let now = Instant::now();
         let progress = self.simulation.borrow().progress;
         let pieces = progress.map_or(0, |progress| progress.pieces_since(began, now));
-        self.cost.note(stage, pieces, now.duration_since(began));
+        self.cost.observe(stage, pieces, now.duration_since(began));
         Ok(done)
     }
 
@@ -198,7 +198,7 @@ impl Job {
         |done, total| {
             self.simulation.send_modify(|simulation| {
                 if let Some(progress) = &mut simulation.progress {
-                    progress.note(done, total, Instant::now());
+                    progress.update(done, total, Instant::now());
                 }
             });
         }

@@ -61,7 +61,7 @@ impl SimulationProgress {
     }
 
     /// Records how many pieces are done at a time; calls from several threads may arrive out of order.
-    pub(super) fn note(&mut self, done: usize, total: usize, now: Instant) {
+    pub(super) fn update(&mut self, done: usize, total: usize, now: Instant) {
         self.done = self.done.max(done);
         self.total = total;
         self.first.get_or_insert((now, done));
@@ -138,10 +138,10 @@ mod tests {
         let mut progress = SimulationProgress::begin(SimulationStage::Library);
         assert_eq!((progress.fraction(), progress.remaining_s(after(1))), (0.0, None));
         // 40 of 100 come from an earlier build.
-        progress.note(40, 100, began);
+        progress.update(40, 100, began);
         assert_eq!(progress.remaining_s(after(5)), None);
-        progress.note(50, 100, after(10));
-        progress.note(49, 100, after(10));
+        progress.update(50, 100, after(10));
+        progress.update(49, 100, after(10));
         assert_eq!((progress.fraction(), progress.remaining_s(after(10))), (0.5, Some(50.0)));
     }
 
@@ -151,8 +151,8 @@ mod tests {
         let after = |s: u64| began + Duration::from_secs(s);
         let mut progress = SimulationProgress::begin(SimulationStage::Library);
         assert_eq!(progress.pieces_since(began, after(1)), 0);
-        progress.note(8, 50, after(3));
-        progress.note(50, 50, after(20));
+        progress.update(8, 50, after(3));
+        progress.update(50, 50, after(20));
         assert_eq!(progress.pieces_since(began, after(20)), 50);
         assert_eq!(progress.pieces_since(after(3), after(20)), 0);
     }

@@ -52,7 +52,7 @@ impl RaisedSeverities {
 }
 
 impl Streams {
-    /// Notes an event that arrived from another process of a cluster.
+    /// Handles an event that arrived from another process of a cluster.
     pub(crate) fn handle_event(&self, event: &LiveEvent) {
         match event {
             LiveEvent::AlarmChanged(_) | LiveEvent::Lost(_) => self.events.send(event.clone()),

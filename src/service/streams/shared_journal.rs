@@ -98,7 +98,7 @@ impl SharedJournal {
         let version = self.rows.runtime.block_on(self.rows.store.stream_version(self.stream))?;
         let Some(version) = version else { return Ok(News::Removed) };
         if version.checkpoint > self.checkpoint && version.checkpoint <= self.last {
-            self.note_checkpoint(version.checkpoint);
+            self.set_checkpoint(version.checkpoint);
         }
         if version.last <= self.last {
             return Ok(News::Frames(Vec::new()));
@@ -157,15 +157,15 @@ impl SharedJournal {
         };
         let SharedRows { store, runtime, .. } = &*self.rows;
         if runtime.block_on(store.store_stream_checkpoint(self.stream, &checkpoint))? {
-            self.note_checkpoint(self.last);
+            self.set_checkpoint(self.last);
         } else if let Some(version) = runtime.block_on(store.stream_version(self.stream))? {
             // Another process has stored one.
-            self.note_checkpoint(version.checkpoint.min(self.last));
+            self.set_checkpoint(version.checkpoint.min(self.last));
         }
         Ok(())
     }
 
-    fn note_checkpoint(&mut self, number: u64) {
+    fn set_checkpoint(&mut self, number: u64) {
         self.checkpoint = number;
         self.bytes = 0;
         while self.levels.front().is_some_and(|(completed_by, _)| *completed_by <= number) {

@@ -70,10 +70,10 @@ pub(crate) struct PendingCut {
     pub(crate) lead: u64,
 }
 
-/// A journal note: an event other than samples and gaps.
+/// An event in the journal other than samples and gaps.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Note {
+pub(super) enum JournalEvent {
     Cut(PendingCut),
     /// A record of a steady machine; the next one of its operating bin starts no earlier than `next_from`.
     SteadyCut {
@@ -174,21 +174,21 @@ impl StreamState {
                 self.next = Some(first + frames);
                 self.captured(first + frames);
             }
-            JournalEntry::Note(text) => match serde_json::from_slice(text) {
-                Ok(note) => self.take_note(note),
-                Err(error) => tracing::error!(%error, "failed to decode a note of a stream journal"),
+            JournalEntry::Event(text) => match serde_json::from_slice(text) {
+                Ok(event) => self.apply_event(event),
+                Err(error) => tracing::error!(%error, "failed to decode an event of a stream journal"),
             },
         }
     }
 
-    fn take_note(&mut self, note: Note) {
-        match note {
-            Note::Cut(pending) => self.take_cut(pending),
-            Note::SteadyCut { pending, bin, next_from } => {
-                self.steadiness.note_cut(bin, next_from);
+    fn apply_event(&mut self, event: JournalEvent) {
+        match event {
+            JournalEvent::Cut(pending) => self.take_cut(pending),
+            JournalEvent::SteadyCut { pending, bin, next_from } => {
+                self.steadiness.add_cut(bin, next_from);
                 self.take_cut(pending);
             }
-            Note::Done { first, is_refused, refusal } => {
+            JournalEvent::Done { first, is_refused, refusal } => {
                 // Another record may start with the same sample; they are stored in order.
                 if let Some(done) = self.pending.iter().position(|pending| pending.cut.first == first) {
                     self.pending.remove(done);
@@ -197,18 +197,18 @@ impl StreamState {
                 self.refused += u64::from(is_refused);
                 self.last_refusal = refusal.or(self.last_refusal.take());
             }
-            Note::OperatingPoint(point) => self.operating_point = point,
-            Note::Moved(point) => {
+            JournalEvent::OperatingPoint(point) => self.operating_point = point,
+            JournalEvent::Moved(point) => {
                 self.operating_point = point;
                 self.steadiness.begin(point, self.next.unwrap_or(0));
             }
-            Note::Pulses(pulses) => self.tachometer.extend(pulses),
-            Note::Capture(capture) => self.capture = Some(capture),
-            Note::Campaign(capture, campaign) => {
+            JournalEvent::Pulses(pulses) => self.tachometer.extend(pulses),
+            JournalEvent::Capture(capture) => self.capture = Some(capture),
+            JournalEvent::Campaign(capture, campaign) => {
                 self.capture = Some(capture);
                 self.campaign = Some(campaign);
             }
-            Note::Captured(pending) => {
+            JournalEvent::Captured(pending) => {
                 let (end, start_time) = (pending.cut.end(), pending.start_time);
                 self.take_cut(pending);
                 if let Some(campaign) = self.campaign_that_runs() {
@@ -220,15 +220,15 @@ impl StreamState {
                 }
                 self.captured(end);
             }
-            Note::CaptureEnd => {
+            JournalEvent::CaptureEnd => {
                 if let Some(capture) = &mut self.capture {
                     capture.until = capture.from;
                 }
                 self.captured(0);
             }
-            Note::Sender(sender) => self.sender = Some(sender),
-            Note::Skipped(index) => self.cutter.skip_before(index),
-            Note::Alarm(alarm) => self.alarm = Some(alarm),
+            JournalEvent::Sender(sender) => self.sender = Some(sender),
+            JournalEvent::Skipped(index) => self.cutter.skip_before(index),
+            JournalEvent::Alarm(alarm) => self.alarm = Some(alarm),
         }
     }
 
@@ -358,9 +358,9 @@ impl Draft {
 
     /// Adds what other processes cannot know from the entries; they may have another description of the asset
     /// when they go on.
-    pub(super) fn note_skipped(&mut self) {
+    pub(super) fn add_skipped(&mut self) {
         if let Some(index) = self.skipped.take().filter(|_| !self.entries.is_empty()) {
-            self.note(&Note::Skipped(index));
+            self.add_event(&JournalEvent::Skipped(index));
         }
     }
 
@@ -369,12 +369,12 @@ impl Draft {
         self.entries.push(entry);
     }
 
-    pub(super) fn note(&mut self, note: &Note) {
-        self.add(JournalEntry::Note(serde_json::to_vec(note).unwrap_or_default().into()));
+    pub(super) fn add_event(&mut self, event: &JournalEvent) {
+        self.add(JournalEntry::Event(serde_json::to_vec(event).unwrap_or_default().into()));
     }
 
     pub(super) fn cut(&mut self, cut: StreamCut) {
-        self.note(&Note::Cut(self.state.pending(cut)));
+        self.add_event(&JournalEvent::Cut(self.state.pending(cut)));
     }
 
     /// Plans the records that are complete.
@@ -387,7 +387,7 @@ impl Draft {
                 Decision::Clocked(cut) => self.cut(cut),
                 Decision::Steady { cut, bin, next_from } => {
                     let pending = self.state.pending(cut);
-                    self.note(&Note::SteadyCut { pending, bin, next_from });
+                    self.add_event(&JournalEvent::SteadyCut { pending, bin, next_from });
                 }
             }
         }
@@ -411,6 +411,6 @@ impl Draft {
 
     fn captured(&mut self, cut: StreamCut, cutting: &Cutting) {
         let cut = StreamCut { next_from: cutting.after(cut), ..cut };
-        self.note(&Note::Captured(self.state.pending(cut)));
+        self.add_event(&JournalEvent::Captured(self.state.pending(cut)));
     }
 }

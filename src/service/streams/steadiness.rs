@@ -39,8 +39,8 @@ impl Steadiness {
         self.next_of_bins.get(bin).copied().unwrap_or(0)
     }
 
-    /// Notes that a record of a bin is cut; the next one starts no earlier than an index.
-    pub(super) fn note_cut(&mut self, bin: String, next_from: u64) {
+    /// Records that a record of a bin is cut; the next one starts no earlier than an index.
+    pub(super) fn add_cut(&mut self, bin: String, next_from: u64) {
         self.next_of_bins.insert(bin, next_from);
         while self.next_of_bins.len() > MAX_BINS {
             let oldest = self.next_of_bins.iter().min_by_key(|(_, next)| **next);

@@ -16,7 +16,7 @@ use super::journal::Journal;
 use super::place::StreamPlace;
 use super::recent::Recent;
 use super::shared_journal::{News, SharedJournal};
-use super::state::{Draft, Note, PendingCut, StreamState};
+use super::state::{Draft, JournalEvent, PendingCut, StreamState};
 use super::tachometer::Pulses;
 use crate::recording::RecordingError;
 use crate::recording::stream::{Assembler, Chunk, Piece, StreamCut, StreamFormat};
@@ -172,7 +172,7 @@ impl StoredStream {
 
     /// Makes another connection the sender, whose chunks start at the next index.
     pub(crate) fn begin_sending(&mut self, sender: u64) -> Result<(), ServiceError> {
-        self.change(Author::Other, |draft| draft.note(&Note::Sender(sender)))?;
+        self.change(Author::Other, |draft| draft.add_event(&JournalEvent::Sender(sender)))?;
         // This process stores the records from now on.
         self.journal.begin_cutting(true)?;
         Ok(())
@@ -237,7 +237,11 @@ impl StoredStream {
     ) -> Result<(), ServiceError> {
         self.change(Author::Sender, |draft| {
             let is_steady = cutting.is_steady(&draft.state, &point);
-            draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
+            draft.add_event(&if is_steady {
+                JournalEvent::OperatingPoint(point)
+            } else {
+                JournalEvent::Moved(point)
+            });
         })
     }
 
@@ -254,8 +258,8 @@ impl StoredStream {
         if pulses.is_empty() {
             return Ok(());
         }
-        let note = Note::Pulses(pulses);
-        self.change(Author::Sender, |draft| draft.note(&note))
+        let event = JournalEvent::Pulses(pulses);
+        self.change(Author::Sender, |draft| draft.add_event(&event))
     }
 
     /// Plans a record of the last `frames` frames, or of fewer if there is a gap; returns `None` without
@@ -285,8 +289,8 @@ impl StoredStream {
                 return false;
             }
             let Some(capture) = draft.state.around_alarm(cutting) else { return false };
-            draft.note(&Note::Alarm(alarm.to_owned()));
-            draft.note(&Note::Capture(capture));
+            draft.add_event(&JournalEvent::Alarm(alarm.to_owned()));
+            draft.add_event(&JournalEvent::Capture(capture));
             draft.cut_whole(cutting);
             true
         })
@@ -297,7 +301,7 @@ impl StoredStream {
     pub(crate) fn begin_campaign(&mut self, frames: u64, cutting: &Cutting) -> Result<bool, ServiceError> {
         self.change(Author::Other, |draft| {
             let Some((capture, campaign)) = draft.state.campaign_of(frames, cutting) else { return false };
-            draft.note(&Note::Campaign(capture, campaign));
+            draft.add_event(&JournalEvent::Campaign(capture, campaign));
             draft.cut_whole(cutting);
             true
         })
@@ -312,11 +316,11 @@ impl StoredStream {
             }
             match draft.state.campaign_of(0, cutting) {
                 Some((capture, campaign)) if draft.state.next < Some(capture.until) => {
-                    draft.note(&Note::Campaign(capture, campaign));
+                    draft.add_event(&JournalEvent::Campaign(capture, campaign));
                 }
                 _ => {
                     draft.cut_rest(cutting);
-                    draft.note(&Note::CaptureEnd);
+                    draft.add_event(&JournalEvent::CaptureEnd);
                 }
             }
         })
@@ -328,10 +332,10 @@ impl StoredStream {
         pending: &PendingCut,
         refusal: Option<String>,
     ) -> Result<(), ServiceError> {
-        let note = Note::Done { first: pending.cut.first, is_refused: refusal.is_some(), refusal };
+        let event = JournalEvent::Done { first: pending.cut.first, is_refused: refusal.is_some(), refusal };
         self.change(Author::Other, |draft| {
             if draft.state.pending.contains(pending) {
-                draft.note(&note);
+                draft.add_event(&event);
             }
         })
     }
@@ -410,7 +414,7 @@ impl StoredStream {
             let mut draft = Draft::new(self.state.clone());
             let made = make(&mut draft);
             if matches!(self.journal, Journal::Shared(_)) {
-                draft.note_skipped();
+                draft.add_skipped();
             }
             if draft.entries.is_empty() {
                 return Ok(made);

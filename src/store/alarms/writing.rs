@@ -113,7 +113,7 @@ impl Transaction {
             }
         }
         for notice in &notices {
-            self.note_for_recipients(notice, now).await?;
+            self.notify_recipients(notice, now).await?;
         }
         Ok(notices)
     }
@@ -159,9 +159,9 @@ impl Transaction {
                 | AlarmAction::Joint { .. }
         ) {
             let notice = AlarmNotice { alarm: stored.clone(), change: change.clone() };
-            self.note_for_recipients(&notice, taken.time).await?;
+            self.notify_recipients(&notice, taken.time).await?;
         }
-        channel.note_change(place);
+        channel.mark_changed(place);
         self.set_channel(channel, false).await
     }
 

@@ -69,10 +69,10 @@ impl Damage {
 
     /// Records damage of a database that a statement reported. Damage of the pages of its file counts until a
     /// check of the file shows that there is none. Must be called inside a Tokio runtime.
-    pub(in crate::store) fn found(&self, found: &FoundDamage, path: Option<&Path>) {
+    pub(in crate::store) fn report(&self, found: &FoundDamage, path: Option<&Path>) {
         match path {
-            Some(path) if found.is_of_pages => self.note_until_checked(&found.what, path.to_owned()),
-            _ => self.note(&found.what),
+            Some(path) if found.is_of_pages => self.suspect(&found.what, path.to_owned()),
+            _ => self.confirm(&found.what),
         }
     }
 
@@ -80,9 +80,9 @@ impl Damage {
     fn checked(&self, path: &Path, outcome: Result<Vec<String>, sqlx::Error>) {
         match outcome {
             Ok(found) if found.is_empty() => {}
-            Ok(found) => self.note(&found.join("; ")),
+            Ok(found) => self.confirm(&found.join("; ")),
             Err(error) => match damage_in(&error) {
-                Some(found) => self.found(&found, Some(path)),
+                Some(found) => self.report(&found, Some(path)),
                 None => {
                     tracing::error!(path = %path.display(), %error, "failed to check the pages of the database")
                 }
@@ -91,7 +91,7 @@ impl Damage {
     }
 
     /// Records damage that needs no check. It replaces damage that is being checked.
-    pub(in crate::store) fn note(&self, what: &str) {
+    pub(in crate::store) fn confirm(&self, what: &str) {
         let mut known = self.known();
         if known.as_ref().is_some_and(|known| known.is_confirmed) {
             return;
@@ -105,7 +105,7 @@ impl Damage {
 
     /// Stops writing until a check of the whole database, in the background, shows whether it is damaged.
     /// SQLite can also report damage when the disk has failed to read or write a page.
-    pub(in crate::store) fn note_until_checked(&self, what: &str, path: PathBuf) {
+    pub(in crate::store) fn suspect(&self, what: &str, path: PathBuf) {
         let mut known = self.known();
         if known.is_some() {
             return;
@@ -115,7 +115,7 @@ impl Damage {
         let (damage, what) = (self.clone(), what.to_owned());
         tokio::spawn(async move {
             if is_damaged(&path).await {
-                damage.note(&what);
+                damage.confirm(&what);
             } else if damage.known().take_if(|known| !known.is_confirmed).is_some() {
                 tracing::info!("the check of the database found no damage: writing to it again");
             }
@@ -287,7 +287,7 @@ mod tests {
         let database = Database::open_folder(folder.path()).await.unwrap();
         let path = database.path.clone().unwrap();
         let Database { damage, .. } = &database;
-        damage.note_until_checked("a page that the disk did not read", path.clone());
+        damage.suspect("a page that the disk did not read", path.clone());
         assert!(damage.get().is_some(), "nothing is written during the check");
         until(damage, Option::is_none).await;
 
@@ -298,7 +298,7 @@ mod tests {
             bytes[page] = 0xff;
         }
         std::fs::write(&path, bytes).unwrap();
-        damage.note_until_checked("a damaged page", path);
+        damage.suspect("a damaged page", path);
         until(damage, |known| known.as_ref().is_some_and(|known| known.is_confirmed)).await;
         assert_eq!(damage.get().as_deref(), Some("a damaged page"));
     }
@@ -325,8 +325,8 @@ mod tests {
         let database = Database::open_folder(folder.path()).await.unwrap();
         let Database { damage, path, .. } = &database;
         let handles = Arc::strong_count(&damage.known);
-        damage.note_until_checked("a page that the disk did not read", path.clone().unwrap());
-        damage.note("a value that cannot be read");
+        damage.suspect("a page that the disk did not read", path.clone().unwrap());
+        damage.confirm("a value that cannot be read");
         // The check ends and drops its handle.
         while Arc::strong_count(&damage.known) > handles {
             tokio::time::sleep(Duration::from_millis(10)).await;

@@ -38,11 +38,11 @@ pub(in crate::store) struct WatchedConnection {
 #[derive(Debug)]
 pub(in crate::store) struct WatchedTransaction(WatchedConnection);
 
-fn note(watch: Option<&Watch>, error: &Error) {
+fn report_damage(watch: Option<&Watch>, error: &Error) {
     if let Some(Watch { damage, path }) = watch
         && let Some(found) = damage_in(error)
     {
-        damage.found(&found, Some(path));
+        damage.report(&found, Some(path));
     }
 }
 
@@ -78,7 +78,7 @@ impl WatchedPool {
 
     fn watched(&self, begun: Result<Transaction<'static, Any>, Error>) -> Result<WatchedTransaction, Error> {
         let watch = self.watch.clone();
-        let begun = begun.inspect_err(|error| note(watch.as_ref(), error));
+        let begun = begun.inspect_err(|error| report_damage(watch.as_ref(), error));
         begun.map(|transaction| WatchedTransaction(WatchedConnection { transaction, watch }))
     }
 
@@ -96,7 +96,7 @@ impl WatchedConnection {
 impl WatchedTransaction {
     pub(in crate::store) async fn commit(self) -> Result<(), Error> {
         let WatchedConnection { transaction, watch } = self.0;
-        transaction.commit().await.inspect_err(|error| note(watch.as_ref(), error))
+        transaction.commit().await.inspect_err(|error| report_damage(watch.as_ref(), error))
     }
 }
 
@@ -129,7 +129,7 @@ macro_rules! watched_executor {
                 E: 'q + Execute<'q, Any>,
             {
                 let (connection, watch) = self.parts();
-                connection.fetch_many(query).inspect_err(move |error| note(watch, error)).boxed()
+                connection.fetch_many(query).inspect_err(move |error| report_damage(watch, error)).boxed()
             }
 
             fn fetch_optional<'e, 'q: 'e, E>(self, query: E) -> BoxFuture<'e, Result<Option<AnyRow>, Error>>
@@ -138,7 +138,9 @@ macro_rules! watched_executor {
                 E: 'q + Execute<'q, Any>,
             {
                 let (connection, watch) = self.parts();
-                Box::pin(connection.fetch_optional(query).inspect_err(move |error| note(watch, error)))
+                Box::pin(
+                    connection.fetch_optional(query).inspect_err(move |error| report_damage(watch, error)),
+                )
             }
 
             fn prepare_with<'e, 'q: 'e>(
@@ -151,7 +153,9 @@ macro_rules! watched_executor {
             {
                 let (connection, watch) = self.parts();
                 Box::pin(
-                    connection.prepare_with(sql, parameters).inspect_err(move |error| note(watch, error)),
+                    connection
+                        .prepare_with(sql, parameters)
+                        .inspect_err(move |error| report_damage(watch, error)),
                 )
             }
 
@@ -160,7 +164,7 @@ macro_rules! watched_executor {
                 'c: 'e,
             {
                 let (connection, watch) = self.parts();
-                Box::pin(connection.describe(sql).inspect_err(move |error| note(watch, error)))
+                Box::pin(connection.describe(sql).inspect_err(move |error| report_damage(watch, error)))
             }
         }
     };

@@ -68,7 +68,7 @@ impl<'a> Rows<'a> {
 
 impl ChannelSummary {
     fn add(&mut self, segment: &NewSegment) {
-        self.note_change(segment.key());
+        self.mark_changed(segment.key());
         self.segments += 1;
         if self.first_start_time.is_none_or(|first| segment.start_time < first) {
             self.first_start_time = Some(segment.start_time);

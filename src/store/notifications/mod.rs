@@ -99,7 +99,7 @@ pub struct Notification {
 impl Transaction {
     /// Stores a notification for each recipient concerned if a change gives the alarm another severity than
     /// the previous notification. A shelved alarm causes none until its shelving ends.
-    pub(in crate::store) async fn note_for_recipients(
+    pub(in crate::store) async fn notify_recipients(
         &mut self,
         notice: &AlarmNotice,
         now: Timestamp,

@@ -399,11 +399,11 @@ mod tests {
 
     /// Records which folders are synced.
     #[derive(Debug, Default)]
-    struct NotingDisk {
+    struct RecordingDisk {
         synced: Mutex<Vec<PathBuf>>,
     }
 
-    impl Disk for NotingDisk {
+    impl Disk for RecordingDisk {
         fn sync_folder(&self, path: &Path) -> io::Result<()> {
             self.synced.lock().unwrap().push(path.to_path_buf());
             SystemDisk.sync_folder(path)
@@ -414,7 +414,7 @@ mod tests {
     fn the_names_of_folders_are_synced() {
         let data = tempfile::tempdir().unwrap();
         let raw = data.path().join("raw");
-        let disk = Arc::new(NotingDisk::default());
+        let disk = Arc::new(RecordingDisk::default());
         let folder = Folder::open(raw.clone(), disk.clone()).unwrap();
         let synced = || std::mem::take(&mut *disk.synced.lock().unwrap());
         assert_eq!(synced(), [raw.clone(), data.path().to_path_buf()]);

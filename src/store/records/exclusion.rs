@@ -32,7 +32,7 @@ impl Store {
             };
             changed += keys.len() as u64;
             channel.must_fold = true;
-            channel.note_change(first);
+            channel.mark_changed(first);
             transaction.set_channel(&mut channel, true).await?;
         }
         if changed > 0 {

@@ -188,7 +188,7 @@ impl Transaction {
             }
         }
         channel.must_fold = true;
-        channel.note_change(first);
+        channel.mark_changed(first);
         self.set_channel(&mut channel, true).await
     }
 

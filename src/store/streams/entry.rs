@@ -39,7 +39,7 @@ pub enum JournalEntry {
         frames: u64,
     },
     /// Any other event.
-    Note(Bytes),
+    Event(Bytes),
 }
 
 /// What a reader finds at its position.
@@ -98,7 +98,7 @@ impl JournalEntry {
         match self {
             Self::Frames { first, bytes, .. } => Some(first + (bytes.len() / frame_bytes) as u64),
             Self::Gap { first, frames } => Some(first + frames),
-            Self::Checkpoint(_) | Self::Note(_) => None,
+            Self::Checkpoint(_) | Self::Event(_) => None,
         }
     }
 
@@ -140,7 +140,7 @@ impl JournalEntry {
                 out.put_u64_le(*first);
                 out.put_u64_le(*frames);
             }
-            Self::Note(text) => {
+            Self::Event(text) => {
                 out.put_u8(4);
                 out.put_slice(text);
             }
@@ -166,7 +166,7 @@ impl JournalEntry {
                 first: u64::from_le_bytes(number(0)?),
                 frames: u64::from_le_bytes(number(8)?),
             }),
-            4 => Some(Self::Note(content)),
+            4 => Some(Self::Event(content)),
             _ => None,
         }
     }

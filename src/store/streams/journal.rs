@@ -246,8 +246,8 @@ mod tests {
         let mut journal =
             StreamJournal::open(Arc::new(SystemDisk), folder.path(), 2, Bytes::from_static(b"a")).unwrap();
         let gap = JournalEntry::Gap { first: 10, frames: 5 };
-        let note = JournalEntry::Note(Bytes::from_static(b"note"));
-        let all = [frames(0, 10), gap, frames(15, 5), note];
+        let event = JournalEntry::Event(Bytes::from_static(b"note"));
+        let all = [frames(0, 10), gap, frames(15, 5), event];
         journal.append(&all[..2]).unwrap();
         journal.append(&all[2..]).unwrap();
         let checkpoint = |name| JournalEntry::Checkpoint(Bytes::from_static(name));

@@ -196,7 +196,7 @@ async fn make(
     }
 }
 
-/// Notes what a response proves; `None` if it was an error or was not received.
+/// Records what a response proves; `None` if it was an error or was not received.
 fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
     known.is_deleted &= !matches!(change, Change::Upload);
     match (change, answer) {

@@ -79,7 +79,7 @@ impl KnownUploads {
         }
     }
 
-    /// Notes that the bytes before an offset are acknowledged.
+    /// Records that the bytes before an offset are acknowledged.
     fn advance(&mut self, offset: usize) {
         let Some(upload) = &mut self.current else { return };
         assert!((upload.offset..=upload.sent).contains(&offset), "{offset}, not {}", upload.offset);

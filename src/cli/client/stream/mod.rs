@@ -188,7 +188,7 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
     let mut result = send_all(&shared, &mut sender, &stop);
     let lost = shared.lock().spool.save()?;
     if lost > 0 {
-        output::note(&format!(
+        output::print_stderr(&format!(
             "lost {lost} bytes of unsent samples: use --spool to keep them for the next run"
         ));
     }
@@ -200,7 +200,7 @@ pub(in crate::cli) fn run(args: &StreamArgs) -> Result<(), CliError> {
     if let Some(refused) = sender.refused() {
         match result {
             Ok(()) => result = Err(sender.failed(refused)),
-            Err(_) => output::note(&refused),
+            Err(_) => output::print_stderr(&refused),
         }
     }
     result?;
@@ -360,7 +360,9 @@ impl Reader {
         {
             // Before the first one, the device is only being started.
             if lost > 0 && !is_first {
-                output::note(&format!("lost {lost} samples of each channel: the device was read too late"));
+                output::print_stderr(&format!(
+                    "lost {lost} samples of each channel: the device was read too late"
+                ));
             }
             is_first = false;
             self.next += lost;
@@ -380,9 +382,9 @@ impl Reader {
             let dropped_bytes = buffer.spool.push(block)?;
             if dropped_bytes > 0 {
                 let frames = dropped_bytes / format.frame_bytes() as u64;
-                output::note(&format!("buffer full: dropped the oldest {frames} unsent samples"));
+                output::print_stderr(&format!("buffer full: dropped the oldest {frames} unsent samples"));
             } else if !was_on_disk && buffer.spool.is_on_disk() {
-                output::note("buffering samples on disk until they can be sent");
+                output::print_stderr("buffering samples on disk until they can be sent");
             }
             self.shared.changed.notify_all();
         }

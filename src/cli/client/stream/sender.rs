@@ -11,7 +11,7 @@ use super::spool::Block;
 use super::{POLL_INTERVAL, StreamArgs};
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::{counted, note};
+use crate::cli::output::{counted, print_stderr};
 use crate::recording::stream::StreamFormat;
 
 /// First and longest wait before a block is sent again.
@@ -177,7 +177,7 @@ impl Sender {
         };
         self.tried_to = block.first + frames;
         if !std::mem::replace(&mut self.is_behind, true) {
-            note(&format!("failed to send, buffering samples: {reason}"));
+            print_stderr(&format!("failed to send, buffering samples: {reason}"));
         }
         let wait = self.wait;
         self.wait = (wait * 2).min(MAX_WAIT);
@@ -233,10 +233,10 @@ impl Sender {
         self.is_behind
     }
 
-    /// Notes that everything read so far is sent.
+    /// Records that everything read so far is sent.
     pub(super) fn caught_up(&mut self) {
         self.is_behind = false;
-        note("sent all buffered samples");
+        print_stderr("sent all buffered samples");
     }
 }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 
 use crate::cli::CliError;
-use crate::cli::output::note;
+use crate::cli::output::print_stderr;
 use crate::recording::stream::StreamFormat;
 use crate::recording::{RawSample, WavFormat, WavSamples};
 
@@ -118,10 +118,13 @@ impl Source {
         Ok(available)
     }
 
-    /// Notes samples that are not numbers when the first ones occur: those after them may be good.
+    /// Reports samples that are not numbers when the first ones occur: those after them may be good.
     fn count_not_finite(&mut self, samples: u64) {
         if samples > 0 && self.not_finite == 0 {
-            note(&format!("{}: samples are not finite numbers: no record is made of them", self.name));
+            print_stderr(&format!(
+                "{}: samples are not finite numbers: no record is made of them",
+                self.name
+            ));
         }
         self.not_finite += samples;
     }

@@ -221,12 +221,14 @@ impl<'a> Analysis<'a> {
         let (have, all) = (first.members().len(), ensembles.members());
         for (channel, records) in by_channel(&self.records) {
             let verdict = verdict(&records);
-            output::note(&format!("channel {channel}, with {have} of {all} ensemble members: {verdict}"));
+            output::print_stderr(&format!(
+                "channel {channel}, with {have} of {all} ensemble members: {verdict}"
+            ));
         }
         match ensembles.complete(&first, Some(&interrupted)) {
             Ok(complete) => self.fold(&ChannelEstimator::new(settings, Some(Arc::new(complete)), rules)),
             Err(LibraryError::Cancelled) => {
-                output::note(
+                output::print_stderr(
                     "interrupted: the estimates are provisional; run the command to its end for final ones",
                 );
             }

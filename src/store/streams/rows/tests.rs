@@ -35,7 +35,7 @@ fn frames(first: u64, frames: u64) -> JournalEntry {
 }
 
 async fn append(store: &Store, stream: StreamKey, number: u64, pending: usize) -> bool {
-    let entries = [frames(number * 10, 10), JournalEntry::Note(Bytes::from_static(b"note"))];
+    let entries = [frames(number * 10, 10), JournalEntry::Event(Bytes::from_static(b"note"))];
     let (first, end) = (number * 10, number * 10 + 10);
     let append = StreamAppend { number, first, end, pending, entries: &entries };
     store.append_to_stream(stream, &append).await.unwrap()
