@@ -96,11 +96,11 @@ export class BulkAcknowledge {
     let [done, refused, reason] = [0, 0, ""];
     try {
       for (const id of [...this.#chosen]) {
-        const answer = await api.answer(
+        const response = await api.settle(
           api.actOnAlarm(id, "acknowledge", { by, ...(comment && { comment }) }),
         );
         this.#chosen.delete(id);
-        if (answer instanceof Error) [refused, reason] = [refused + 1, answer.message];
+        if (response instanceof Error) [refused, reason] = [refused + 1, response.message];
         else done += 1;
       }
       this.#comment.value = "";

@@ -19,12 +19,12 @@ export class AlarmCount {
 
   /** Fetches the count. Errors are shown by the page that needs the list. */
   async refresh(signal) {
-    const answer = await api.answer(
+    const response = await api.settle(
       api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MAX_ALARMS }, signal),
     );
-    if (answer === this.#shown || answer instanceof Error) return;
-    this.#shown = answer;
-    const { items, next_cursor: more } = answer;
+    if (response === this.#shown || response instanceof Error) return;
+    this.#shown = response;
+    const { items, next_cursor: more } = response;
     this.#badge.hidden = items.length === 0;
     this.#badge.dataset.severity = items.some(({ severity }) => severity === "danger") ? "danger" : "warning";
     setText(this.#number, more ? `${MAX_ALARMS}+` : String(items.length));

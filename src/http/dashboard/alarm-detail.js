@@ -108,7 +108,7 @@ export class AlarmDetail {
       this.#id = undefined;
       return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
     }
-    const alarm = await api.answer(api.alarm(id, signal));
+    const alarm = await api.settle(api.alarm(id, signal));
     // The entered comment stays: the error may be over at the next update
     if (alarm instanceof Error)
       return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
@@ -170,7 +170,7 @@ export class AlarmDetail {
   }
 
   async #act(action) {
-    if (this.#isActing) return; // a second click before the answer
+    if (this.#isActing) return; // a second click before the response
     const by = this.#by.value.trim();
     const comment = this.#comment.value.trim();
     const missing = !by

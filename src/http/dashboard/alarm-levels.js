@@ -2,7 +2,7 @@
 
 import { focusedData, h, setChildren } from "./dom.js";
 import { number } from "./format.js";
-import { onceAwake, activate } from "./plots.js";
+import { whenActive, activate } from "./plots.js";
 
 const DIGITS = 3; // of a dragged level; more would suggest false precision
 const STEPS = 100; // of the arrow keys across the axis
@@ -38,7 +38,7 @@ export class LevelHandles {
     if (pane !== null) activate(this.#plot);
     if (!this.#plot.dataset.handled) {
       this.#plot.dataset.handled = "true";
-      onceAwake(this.#plot, () => {
+      whenActive(this.#plot, () => {
         this.#plot.on("plotly_afterplot", () => this.#place());
         this.#place();
       });

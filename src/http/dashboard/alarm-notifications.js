@@ -14,12 +14,12 @@ export class NotificationList {
 
   /** Fetches the recipients and shows what changed. */
   async refresh(signal) {
-    const answer = await api.answer(api.notifications(signal));
-    if (answer === this.#shown || answer instanceof Error) return;
-    this.#shown = answer;
+    const response = await api.settle(api.notifications(signal));
+    if (response === this.#shown || response instanceof Error) return;
+    this.#shown = response;
     this.#ages = [];
-    this.element.hidden = answer.items.length === 0;
-    const rows = answer.items.map((recipient) => this.#row(recipient));
+    this.element.hidden = response.items.length === 0;
+    const rows = response.items.map((recipient) => this.#row(recipient));
     setChildren(this.element, h("h2", {}, "Notifications"), h("ul", {}, rows));
   }
 

@@ -169,7 +169,7 @@ export class AlarmRulePanel {
     this.#tryLater();
   }
 
-  /** What the panel shows: an answer to a question about another subject is dropped. */
+  /** What the panel shows: a response to a question about another subject is dropped. */
   get #subject() {
     return JSON.stringify([this.#asset.id, this.#channel, this.#name]);
   }

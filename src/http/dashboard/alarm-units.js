@@ -22,8 +22,8 @@ export async function fetchUnits(alarms, signal) {
   );
   await Promise.all(
     [...asked].slice(0, MAX_TRENDS).map(async ([name, { asset_id: asset, channel, quantity }]) => {
-      const answer = await api.answer(api.indicatorUnits(asset, channel, quantity.indicator, signal));
-      if (!(answer instanceof Error)) known.set(name, answer.units[quantity.indicator] ?? "");
+      const response = await api.settle(api.indicatorUnits(asset, channel, quantity.indicator, signal));
+      if (!(response instanceof Error)) known.set(name, response.units[quantity.indicator] ?? "");
     }),
   );
 }

@@ -106,40 +106,40 @@ export class AlarmsPage {
   async refresh(signal) {
     const { show = "", asset, alarm } = this.#query;
     const [, , state] = FILTERS.find(([key]) => key === show) ?? FILTERS[0];
-    const [answer] = await Promise.all([
-      api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)),
+    const [response] = await Promise.all([
+      api.settle(api.alarms({ state, asset, limit: LIMIT }, signal)),
       this.#notifications.refresh(signal),
     ]);
-    if (!(answer instanceof Error)) await this.#fetchNames(answer.items, signal);
+    if (!(response instanceof Error)) await this.#fetchNames(response.items, signal);
     await this.#detail.show(alarm, signal);
     if (this.#isChosen && alarm && matchMedia(BELOW).matches) this.#detail.focus();
     this.#isChosen = false;
     const asked = JSON.stringify([show, asset, alarm]);
-    if (answer === this.#shown && asked === this.#asked) return;
-    if (!(answer instanceof Error)) await fetchUnits(answer.items, signal);
-    [this.#shown, this.#asked] = [answer, asked];
+    if (response === this.#shown && asked === this.#asked) return;
+    if (!(response instanceof Error)) await fetchUnits(response.items, signal);
+    [this.#shown, this.#asked] = [response, asked];
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(key === show));
     this.#asset.hidden = !asset;
     const name = this.#names.get(asset) || asset;
     setText(this.#asset, `Only ${name} ✕`);
     this.#asset.setAttribute("aria-label", `Only ${name}; show all assets`);
-    this.#render(answer, show);
+    this.#render(response, show);
   }
 
   /** Fetches the names of assets when one is listed for the first time. */
   async #fetchNames(alarms, signal) {
     const unknown = alarms.filter(({ asset_id: id }) => !this.#names.has(id));
     if (unknown.length === 0) return;
-    const assets = await api.answer(api.assets(signal));
+    const assets = await api.settle(api.assets(signal));
     for (const { id, name } of assets instanceof Error ? [] : assets) this.#names.set(id, name);
     for (const { asset_id: id } of unknown) if (!this.#names.has(id)) this.#names.set(id, "");
   }
 
-  #render(answer, show) {
-    const items = answer instanceof Error ? [] : answer.items.toSorted((a, b) => rankOf(a) - rankOf(b));
+  #render(response, show) {
+    const items = response instanceof Error ? [] : response.items.toSorted((a, b) => rankOf(a) - rankOf(b));
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
-    if (answer instanceof Error) setText(this.#notice, answer.message);
+    if (response instanceof Error) setText(this.#notice, response.message);
     else
       setText(
         this.#notice,
@@ -151,9 +151,9 @@ export class AlarmsPage {
       );
     setText(
       this.#total,
-      answer instanceof Error
+      response instanceof Error
         ? ""
-        : `${answer.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`,
+        : `${response.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`,
     );
     this.#bulk.offer(items.filter(({ state }) => ALARM_STATES[state]?.open).map(({ id }) => id));
     const shown = new Set(items.map(({ id }) => id));

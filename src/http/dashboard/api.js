@@ -1,10 +1,10 @@
-// The only module that talks to the server. An unchanged answer is returned as the same object, so callers
+// The only module that talks to the server. An unchanged response is returned as the same object, so callers
 // detect changes by identity.
 
-const REMEMBERED = 48;
-const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
-const memory = new Map(); // address → { text, data }, most recently used last
-const tags = new WeakMap(); // answer → its entity tag
+const MAX_CACHED = 48;
+const MAX_CACHED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
+const cache = new Map(); // address → { text, data }, most recently used last
+const tags = new WeakMap(); // response → its entity tag
 let logins = 0;
 
 /** An error answered by the server; `problem` is its RFC 9457 body, if any. */
@@ -16,7 +16,7 @@ export class ApiError extends Error {
   }
 }
 
-/** No answer, or an answer saying that the service is unavailable. */
+/** No response, or a response saying that the service is unavailable. */
 export class ConnectionError extends Error {}
 
 /**
@@ -29,7 +29,7 @@ export async function logIn(token) {
     headers: { authorization: `Bearer ${token.trim()}` },
   });
   if (!response.ok) throw failure(response.status, text);
-  memory.clear();
+  cache.clear();
   logins += 1;
 }
 
@@ -49,13 +49,13 @@ export function address(segments, parameters = {}) {
   return url.href;
 }
 
-function remember(href, entry) {
-  memory.delete(href);
-  memory.set(href, entry);
-  let characters = [...memory.values()].reduce((sum, { text }) => sum + text.length, 0);
-  for (const [oldest, { text }] of memory) {
-    if (memory.size <= REMEMBERED && characters <= REMEMBERED_CHARACTERS) break;
-    memory.delete(oldest);
+function cacheResponse(href, entry) {
+  cache.delete(href);
+  cache.set(href, entry);
+  let characters = [...cache.values()].reduce((sum, { text }) => sum + text.length, 0);
+  for (const [oldest, { text }] of cache) {
+    if (cache.size <= MAX_CACHED && characters <= MAX_CACHED_CHARACTERS) break;
+    cache.delete(oldest);
     characters -= text.length;
   }
 }
@@ -68,7 +68,7 @@ function parsed(text) {
   }
 }
 
-/** The error for an answer outside 2xx. */
+/** The error for a response outside 2xx. */
 export function failure(status, text) {
   const problem = parsed(text) ?? {};
   const gone = status === 502 || status === 503 || status === 504;
@@ -92,20 +92,20 @@ async function request(href, options) {
 
 async function get(segments, parameters, signal) {
   const href = address(segments, parameters);
-  const known = memory.get(href);
+  const known = cache.get(href);
   const headers = { accept: "application/json" };
   const etag = known && tags.get(known.data);
   if (etag) headers["if-none-match"] = etag;
   const { response, text } = await request(href, { headers, signal, cache: "no-store" });
   if (known && (response.status === 304 || (response.ok && text === known.text))) {
-    remember(href, known);
+    cacheResponse(href, known);
     return known.data;
   }
   if (!response.ok) throw failure(response.status, text);
   const data = parsed(text);
   if (data === null) throw new ApiError(response.status, { title: "the server's answer is not JSON" });
   keepTag(data, response);
-  remember(href, { text, data });
+  cacheResponse(href, { text, data });
   return data;
 }
 
@@ -116,7 +116,7 @@ function keepTag(data, response) {
 const JSON_TYPE = "application/json";
 
 /**
- * Sends a body, as JSON unless it has another `type`; `known` is the answer that must still be valid.
+ * Sends a body, as JSON unless it has another `type`; `known` is the response that must still be valid.
  * @param {{ signal?: AbortSignal, parameters?: object, type?: string, known?: object }} [options]
  */
 async function send(method, segments, body, options = {}) {
@@ -233,7 +233,7 @@ export const preview = (body, signal) => send("POST", ["preview"], body, { signa
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
 /**
- * Replaces a description, unless it has changed since the answer `known`; that is an error with status 412.
+ * Replaces a description, unless it has changed since the response `known`; that is an error with status 412.
  * @type {(id: string, body: RequestBody<"/v1/assets/{asset}", "put">, known: object) => Promise<any>}
  */
 export const replaceAsset = (id, body, known) => send("PUT", ["assets", id], body, { known });
@@ -297,12 +297,12 @@ export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
 
 /**
- * Resolves to the answer, or to the server's error as a value; a lost connection still throws.
+ * Resolves to the response, or to the server's error as a value; a lost connection still throws.
  * @template T
  * @param {Promise<T>} promise
  * @returns {Promise<T | ApiError>}
  */
-export async function answer(promise) {
+export async function settle(promise) {
   try {
     return await promise;
   } catch (error) {

@@ -68,7 +68,7 @@ class UnreachedPage {
   }
   async refresh(signal) {
     try {
-      await api.answer(api.alarms({ limit: 1 }, signal));
+      await api.settle(api.alarms({ limit: 1 }, signal));
     } catch (error) {
       this.#lost ||= error instanceof api.ConnectionError;
       throw error;
@@ -120,13 +120,13 @@ function markNavigation(current) {
 }
 
 /** In another time zone every time on the page is rendered again, unless entries on it would be lost. */
-function outdate() {
+function discardBuilt() {
   if (!page?.holdsEntries) built = {};
 }
 
-async function follow() {
+async function showRoute() {
   const { route, isOther } = routeWithZone(byId("times"));
-  if (isOther) outdate();
+  if (isOther) discardBuilt();
   const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
   shown = route;
@@ -150,8 +150,8 @@ async function follow() {
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
 bindTimeChoice(byId("times"), async () => {
-  outdate();
-  await follow();
+  discardBuilt();
+  await showRoute();
   byId("times").focus();
 });
 const lookForSession = bindLogout(byId("logout"), byId("tokens-link"));
@@ -160,10 +160,10 @@ bindLogin(() => {
   live.now();
 });
 byId("banner-retry").addEventListener("click", () => live.now());
-addEventListener("hashchange", follow);
+addEventListener("hashchange", showRoute);
 addEventListener(
   "popstate",
-  () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow(),
+  () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && showRoute(),
 );
 document.addEventListener("themechange", () => page?.redraw?.());
 document.addEventListener("sessionchange", lookForSession);
@@ -172,5 +172,5 @@ setInterval(() => {
   showStatus(status, view);
   page?.tick?.();
 }, 1000);
-follow();
+showRoute();
 lookForSession();

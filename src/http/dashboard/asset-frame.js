@@ -25,14 +25,14 @@ export const savingWords = (error) =>
     : `Saving failed: ${error.message}.`;
 
 const LOOK_MS = 10_000;
-const lookups = new Map(); // asset → when its live streams were last fetched, and the answer
+const lookups = new Map(); // asset → when its live streams were last fetched, and the response
 const streaming = new Set(); // assets known to have live streams
 
-/** Whether an asset has live streams; the last known answer when the server does not respond. */
-async function lookForStreams(id) {
+/** Whether an asset has live streams; the last known response when the server does not respond. */
+async function fetchHasStreams(id) {
   try {
-    const answer = await api.answer(api.streams(id));
-    if (answer instanceof Error || answer.items.length === 0) streaming.delete(id);
+    const response = await api.settle(api.streams(id));
+    if (response instanceof Error || response.items.length === 0) streaming.delete(id);
     else streaming.add(id);
   } catch {
     // The page itself reports the lost connection
@@ -42,10 +42,10 @@ async function lookForStreams(id) {
 
 function hasStreams(id) {
   const known = lookups.get(id);
-  if (known && Date.now() - known.at < LOOK_MS) return known.answer;
-  const answer = lookForStreams(id);
-  lookups.set(id, { at: Date.now(), answer });
-  return answer;
+  if (known && Date.now() - known.at < LOOK_MS) return known.response;
+  const response = fetchHasStreams(id);
+  lookups.set(id, { at: Date.now(), response });
+  return response;
 }
 
 /**
@@ -161,7 +161,7 @@ export class FramedPage {
 
   /** Fetches the asset for the head; says why, and returns nothing, if it cannot be shown. */
   async loadAsset(signal) {
-    const asset = await api.answer(api.asset(this.id, signal));
+    const asset = await api.settle(api.asset(this.id, signal));
     if (asset instanceof Error) return void refusal(this.root, this.id, asset);
     this.head.update(assetName(asset), this.query, asset);
     return asset;

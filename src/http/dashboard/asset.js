@@ -1,7 +1,7 @@
 // The overview page of an asset: fetches its data and keeps plots, selection and address in sync.
 
 import * as api from "./api.js";
-import { answer } from "./api.js";
+import { settle } from "./api.js";
 import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
@@ -92,7 +92,7 @@ export class AssetPage {
 
   /** Whether the plots over time do not show every record. */
   #isReduced() {
-    return [this.#data.history, this.#data.trend?.answer].some((shown) => shown?.reduced);
+    return [this.#data.history, this.#data.trend?.response].some((shown) => shown?.reduced);
   }
 
   /** Writes the dragged-out range to the address. */
@@ -111,7 +111,7 @@ export class AssetPage {
 
   /** Fetches the data and shows what changed. */
   async refresh(signal) {
-    const asset = await answer(api.asset(this.#id, signal));
+    const asset = await settle(api.asset(this.#id, signal));
     if (asset instanceof Error) return this.#refused(asset);
     const key = JSON.stringify(this.#query);
     const isSame = asset === this.#data?.asset && key === this.#key;
@@ -120,7 +120,7 @@ export class AssetPage {
     this.#hasMesh = Boolean(asset.gear);
     this.#trends.setMesh(this.#hasMesh);
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
-    const latest = await answer(api.wear(this.#id, channel, signal));
+    const latest = await settle(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
     if (!this.#header.element.isConnected)
       setChildren(
@@ -155,7 +155,7 @@ export class AssetPage {
   async #isMaintained(signal) {
     const known = this.#data.events?.maintenance;
     if (!known) return false;
-    const maintenance = await answer(api.maintenance(this.#id, signal));
+    const maintenance = await settle(api.maintenance(this.#id, signal));
     return maintenance !== known && !(maintenance instanceof Error);
   }
 
@@ -166,7 +166,7 @@ export class AssetPage {
     const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
     const record = known
       ? Promise.resolve(known.segment)
-      : answer(api.segment(id, signal)).then((segment) => {
+      : settle(api.segment(id, signal)).then((segment) => {
           const foreign = !(segment instanceof Error) && segment.asset_id !== this.#id;
           return foreign
             ? new api.ApiError(404, { detail: `segment ${id} belongs to another asset` })
@@ -180,18 +180,18 @@ export class AssetPage {
         names.length
           ? this.#inDetail((range) => api.indicators(this.#id, channel, names, signal, range))
           : null,
-        bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null,
+        bins && bins !== "own" ? settle(api.segments(this.#id, channel, signal)) : null,
       ]);
       return {
         names,
         panes,
-        answer: trend,
+        response: trend,
         bins: bins === "own" ? namedBins(trend, own) : operatingBins(operating, bins),
         others: otherNames(segment),
       };
     });
     const { pin } = this.#query;
-    const pinnedRecord = pin ? answer(api.segment(pin, signal)) : null;
+    const pinnedRecord = pin ? settle(api.segment(pin, signal)) : null;
     const panesOf = (of, known) =>
       fetchPanes(of, this.#query, signal, { noAngle: async () => angleAbsence(await known, asset) });
     const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
@@ -220,7 +220,7 @@ export class AssetPage {
 
   /** What `ask` answers for all times, with every record of the zoomed range. */
   async #inDetail(ask) {
-    return withFineItems(await answer(ask()), timeOf(this.#query.time), (range) => answer(ask(range)));
+    return withFineItems(await settle(ask()), timeOf(this.#query.time), (range) => settle(ask(range)));
   }
 
   async #fetchEvents(asset, channel, signal) {

@@ -3,7 +3,7 @@
 import * as api from "./api.js";
 import { decibels } from "./format.js";
 
-const AT_ONCE = 64; // lines in one request
+const LINES_PER_REQUEST = 64; // lines in one request
 const KEPT = 2000; // changes remembered
 
 const place = (x) => Number(x.toPrecision(8));
@@ -22,7 +22,7 @@ export class BaselineLines {
 
   /**
    * The changes in dB of the lines of a spectrum at the positions `at`: null where there is no baseline,
-   * undefined where the answer is awaited. Envelope spectra are compared in the band of this one.
+   * undefined where the response is awaited. Envelope spectra are compared in the band of this one.
    * @param {any} spectrum
    * @param {number[]} at
    * @returns {(number | null | undefined)[]}
@@ -33,8 +33,8 @@ export class BaselineLines {
     const missing = at.filter((x) => !this.#known.has(name(x)));
     if (this.#known.size > KEPT) this.#known.clear();
     for (const x of missing) this.#known.set(name(x), undefined);
-    for (let n = 0; n < missing.length; n += AT_ONCE)
-      this.#ask(id, axis ? "orders" : "hz", band, missing.slice(n, n + AT_ONCE).map(place), name);
+    for (let n = 0; n < missing.length; n += LINES_PER_REQUEST)
+      this.#ask(id, axis ? "orders" : "hz", band, missing.slice(n, n + LINES_PER_REQUEST).map(place), name);
     return at.map((x) => this.#known.get(name(x)));
   }
 

@@ -20,7 +20,7 @@ import { motionOf } from "./spectrum-quantity.js";
 const POINTS = 200_000; // of a spectrum: every line of all but very long records
 
 /**
- * Address parameters that determine what is fetched, and those that fetch more spectral lines than one answer
+ * Address parameters that determine what is fetched, and those that fetch more spectral lines than one response
  * holds.
  */
 const REFETCHED = ["records", "show", "axis", "part", "gear", "quantity", "cut"];
@@ -127,9 +127,9 @@ export class BenchPage {
 
   /** @returns {Promise<{ segment: any, asset: any, panes: Record<string, any> }>} */
   async #fetch(id, query, signal, options) {
-    const segment = await api.answer(api.segment(id, signal));
+    const segment = await api.settle(api.segment(id, signal));
     if (segment instanceof Error) return { segment, asset: null, panes: {} };
-    const owner = api.answer(api.asset(segment.asset_id, signal));
+    const owner = api.settle(api.asset(segment.asset_id, signal));
     const [asset, panes] = await Promise.all([
       owner,
       fetchPanes(id, query, signal, {

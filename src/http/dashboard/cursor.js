@@ -6,7 +6,7 @@ import { cursorLines, spacingOf } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt, isInNoise, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
-import { onceAwake, activate } from "./plots.js";
+import { whenActive, activate } from "./plots.js";
 import { axisOf } from "./spectrum-plot.js";
 
 const LABEL_PX = 52; // width of a bearing line's label
@@ -63,7 +63,7 @@ export class CursorLayer {
     activate(this.#plot);
     if (!this.#plot.dataset.cursor) {
       this.#plot.dataset.cursor = "true";
-      onceAwake(this.#plot, () => {
+      whenActive(this.#plot, () => {
         for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"])
           this.#plot.on(event, () => this.#place());
         this.#place();

@@ -1,22 +1,22 @@
 // What the pointer does on a static plot while the plotting library loads, for the plot that takes its place:
 // a click or a drag may begin before the library is there.
 
-const NOTED = ["mousemove", "mousedown", "mouseup"];
+const RECORDED = ["mousemove", "mousedown", "mouseup"];
 const RECENT_MS = 15_000; // what is older was given up
 
 /**
- * Notes the mouse events on an element from now on; the returned function repeats them on what is there then.
+ * Records the mouse events on an element from now on; the returned function repeats them on what is there then.
  */
-export function noteEarly(element) {
+export function recordEarlyEvents(element) {
   /** @type {MouseEvent[]} */
   let events = [];
   let isPressed = false;
   const listen = (isOn) => {
-    for (const type of NOTED)
-      if (isOn) document.addEventListener(type, note, { capture: true });
-      else document.removeEventListener(type, note, { capture: true });
+    for (const type of RECORDED)
+      if (isOn) document.addEventListener(type, record, { capture: true });
+      else document.removeEventListener(type, record, { capture: true });
   };
-  const note = (event) => {
+  const record = (event) => {
     if (!element.isConnected) return listen(false);
     // A drag may end beside the element
     if (!isPressed && !element.contains(event.target)) return;

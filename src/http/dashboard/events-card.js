@@ -64,7 +64,7 @@ export class EventsCard {
     );
   }
 
-  /** Shows an answer of `fetchEvents`. */
+  /** Shows a response of `fetchEvents`. */
   show(events) {
     if (sameEvents(events, this.#shown)) return;
     this.#shown = events;

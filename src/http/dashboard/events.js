@@ -18,10 +18,10 @@ export class Events {
   constructor(onEvent, onState) {
     this.#onEvent = onEvent;
     this.#onState = onState;
-    this.#follow();
+    this.#subscribe();
   }
 
-  async #follow() {
+  async #subscribe() {
     for (;;) {
       try {
         await readEvents(address(["events"]), {

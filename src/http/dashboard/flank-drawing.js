@@ -76,7 +76,7 @@ export class FlankCard {
     );
   }
 
-  /** Shows the flanks of an answer, or its error. */
+  /** Shows the flanks of a response, or its error. */
   show(flank, match) {
     if (flank instanceof Error) {
       setText(this.#sub, flank.message);

@@ -14,13 +14,13 @@ export async function hindsightOf({ id, updated_at }, channel, maintenance, sign
   if (inspected.length === 0) return [];
   const to = new Date(Math.max(...inspected)).toISOString();
   const counted = [undefined, "excluded"].map((status) =>
-    api.answer(api.recordCount(id, { channel, to, status }, signal)),
+    api.settle(api.recordCount(id, { channel, to, status }, signal)),
   );
   const key = JSON.stringify([id, updated_at, channel, events, await Promise.all(counted)]);
   if (known.key !== key) {
-    const answer = await api.answer(api.wearHindsight(id, channel, signal));
-    if (answer instanceof Error || answer.items.length === 0) return [];
-    known = { key, items: answer.items };
+    const response = await api.settle(api.wearHindsight(id, channel, signal));
+    if (response instanceof Error || response.items.length === 0) return [];
+    known = { key, items: response.items };
   }
   return known.items;
 }

@@ -1,9 +1,9 @@
 // The records stored by the latest import into an asset. The browser keeps their ids, so that the import can be
 // undone after the page is reloaded.
 
-import { answer, ApiError, deleteRecords, segment } from "./api.js";
+import { settle, ApiError, deleteRecords, segment } from "./api.js";
 
-const AT_ONCE = 200; // records named in one request
+const RECORDS_PER_REQUEST = 200; // records named in one request
 
 /** Deletes records and returns how many there were; records deleted by others meanwhile are left out. */
 async function deleteExisting(asset, ids) {
@@ -13,7 +13,7 @@ async function deleteExisting(asset, ids) {
     if (error.status !== 404) throw error;
   }
   const existing = [];
-  for (const id of ids) if (!((await answer(segment(id))) instanceof ApiError)) existing.push(id);
+  for (const id of ids) if (!((await settle(segment(id))) instanceof ApiError)) existing.push(id);
   return existing.length ? (await deleteRecords(asset, { ids: existing.join(",") })).deleted : 0;
 }
 
@@ -57,8 +57,8 @@ export class ImportBatch {
   async undo() {
     let deleted = 0;
     while (this.#ids.length) {
-      deleted += await deleteExisting(this.#asset, this.#ids.slice(0, AT_ONCE));
-      this.#set(this.#ids.slice(AT_ONCE));
+      deleted += await deleteExisting(this.#asset, this.#ids.slice(0, RECORDS_PER_REQUEST));
+      this.#set(this.#ids.slice(RECORDS_PER_REQUEST));
     }
     return deleted;
   }

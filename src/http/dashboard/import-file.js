@@ -110,7 +110,7 @@ export class ImportFile {
     setText(this.#when, start ? ` · ${clock(start)}` : "");
   }
 
-  /** Inspects the file. Only the latest inspection counts, whichever answer arrives last. */
+  /** Inspects the file. Only the latest inspection counts, whichever response arrives last. */
   async look() {
     const turn = ++this.#looks;
     const seen = await preview(this.file, this.#common().rate, this.#roles);

@@ -24,7 +24,7 @@ export class UploadProgress {
 
   sent(share) {
     if (share < 1) return (this.#bar.value = share);
-    // All bytes are sent; the answer arrives once every record is analysed and stored
+    // All bytes are sent; the response arrives once every record is analysed and stored
     this.#bar.removeAttribute("value");
     setText(this.#words, `${this.#file.name}: uploaded, analysing…`);
   }

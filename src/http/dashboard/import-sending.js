@@ -124,9 +124,9 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
   const requests = await requestsOf(file, seen, entry, common);
   const all = { kind: "good", words: [], segments: [] };
   for (const [n, { body, type, parameters }] of requests.entries()) {
-    let answer;
+    let response;
     try {
-      answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) =>
+      response = await send(address(["assets", asset, "segments"], parameters), body, type, (share) =>
         onProgress((n + share) / requests.length),
       );
     } catch (error) {
@@ -135,28 +135,30 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
       const part = `The part of ${file.name} ${parameters.unit ? `in ${parameters.unit}` : "without a unit"}`;
       return { ...all, kind: "part", words: [...all.words, ...refusalWords(part, error)] };
     }
-    const refused = answer.refused_count ?? 0;
-    if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
-    all.words.push(...words(file, answer));
-    const taken = (answer.segments ?? [answer]).map((segment) => segment.id ?? segment);
+    const refused = response.refused_count ?? 0;
+    if (refused) all.kind = response.stored + response.repeated + (response.queued ?? 0) > 0 ? "part" : "bad";
+    all.words.push(...words(file, response));
+    const taken = (response.segments ?? [response]).map((segment) => segment.id ?? segment);
     // For a single record of unknown start, the client cannot tell whether it is new
-    if (before || answer.records !== undefined) all.segments.push(...taken.filter((id) => !before?.has(id)));
+    if (before || response.records !== undefined)
+      all.segments.push(...taken.filter((id) => !before?.has(id)));
     all.listed =
       (all.listed ?? true) &&
-      (answer.records === undefined || answer.segments.length === answer.stored + (answer.queued ?? 0));
+      (response.records === undefined ||
+        response.segments.length === response.stored + (response.queued ?? 0));
   }
   return all;
 }
 
-function words(file, answer) {
-  if (answer.records !== undefined) {
-    const queued = answer.queued ? `, ${answer.queued} queued for analysis` : "";
-    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already stored, ${answer.refused_count} refused.`;
-    const missing = answer.missing_channels ?? [];
+function words(file, response) {
+  if (response.records !== undefined) {
+    const queued = response.queued ? `, ${response.queued} queued for analysis` : "";
+    const counts = `${file.name}: ${response.records} records read, ${response.stored} stored${queued}, ${response.repeated} already stored, ${response.refused_count} refused.`;
+    const missing = response.missing_channels ?? [];
     return [
       counts,
       ...missing.map((name) => `No record of the file has the channel ${name}; nothing is renamed for it.`),
-      ...answer.refused
+      ...response.refused
         .slice(0, 5)
         .map(
           ({ record, channel, reason }) =>
@@ -164,7 +166,7 @@ function words(file, answer) {
         ),
     ];
   }
-  return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
+  return (response.segments ?? [response]).map(({ channel, start_time: start, wear, state }) => {
     if (state === "queued")
       return `${file.name}: record of ${clock(start)}, channel ${channel}, accepted and queued for analysis; the page updates by itself.`;
     const { number, interval } = depthWords(wear);

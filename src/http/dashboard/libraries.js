@@ -23,10 +23,10 @@ export class LibrariesPage {
 
   /** Fetches the libraries and shows what changed. */
   async refresh(signal) {
-    const answer = await api.libraries(signal);
-    if (answer === this.#shown) return;
-    this.#shown = answer;
-    if (answer.items.length === 0)
+    const response = await api.libraries(signal);
+    if (response === this.#shown) return;
+    this.#shown = response;
+    if (response.items.length === 0)
       return setChildren(
         this.#list,
         h(
@@ -35,7 +35,7 @@ export class LibrariesPage {
           "No libraries yet. The server builds one for each asset with a gear pair.",
         ),
       );
-    const rows = answer.items.map((library) =>
+    const rows = response.items.map((library) =>
       h(
         "tr",
         {},

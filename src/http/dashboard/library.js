@@ -134,7 +134,7 @@ export class LibraryPage {
   /** Fetches the library, which never changes, and the selected state. */
   async refresh(signal) {
     if (this.#data && this.#data.state.index === this.#chosen(this.#data.rows).index) return;
-    const library = this.#data?.library ?? (await api.answer(api.library(this.#id, signal)));
+    const library = this.#data?.library ?? (await api.settle(api.library(this.#id, signal)));
     if (library instanceof Error)
       return setChildren(
         this.#root,

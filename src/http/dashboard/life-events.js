@@ -42,14 +42,14 @@ const RAISED = "unacknowledged,acknowledged";
  */
 export async function fetchEvents(id, channel, signal) {
   const [maintenance, list, raised] = await Promise.all([
-    api.answer(api.maintenance(id, signal)),
-    api.answer(api.alarms({ asset: id, channel, limit: MAX_ALARMS }, signal)),
-    api.answer(api.alarms({ asset: id, state: RAISED, limit: MAX_ALARMS }, signal)),
+    api.settle(api.maintenance(id, signal)),
+    api.settle(api.alarms({ asset: id, channel, limit: MAX_ALARMS }, signal)),
+    api.settle(api.alarms({ asset: id, state: RAISED, limit: MAX_ALARMS }, signal)),
   ]);
   const others = raised instanceof Error ? [] : raised.items.filter((alarm) => alarm.channel !== channel);
   const listed = list instanceof Error ? [] : list.items;
   const answers = await Promise.all(
-    [...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))),
+    [...listed, ...others].map((alarm) => api.settle(api.alarm(alarm.id, signal))),
   );
   const known = answers.filter((alarm) => !(alarm instanceof Error));
   await fetchUnits(known, signal);

@@ -3,7 +3,7 @@
 import * as api from "./api.js";
 
 const MAX_SECONDS = 30;
-const PIECE = 190_000; // samples of one answer
+const PIECE = 190_000; // samples of one response
 const PEAK = 0.9;
 const RATES = [3000, 768_000]; // sampling rates that browsers accept for a buffer
 

@@ -73,7 +73,7 @@ export class Live {
     }
   }
 
-  /** No answer so far: what is shown may be old, but the answer may still come. */
+  /** No response so far: what is shown may be old, but the response may still come. */
   #late(since) {
     const { updatedAt, lostAt = since } = this.#status;
     const error = new ConnectionError("no answer so far");

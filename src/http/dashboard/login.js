@@ -36,7 +36,7 @@ function build(then) {
   return h("dialog", { id: "login", class: "records", "aria-labelledby": "login-title" }, form);
 }
 
-/** Shows the dialog whenever an answer requires a token, and calls `then` once a session has started. */
+/** Shows the dialog whenever a response requires a token, and calls `then` once a session has started. */
 export function bindLogin(then) {
   document.addEventListener("tokenneeded", () => {
     if (!dialog) {

@@ -131,10 +131,10 @@ export class MaintenanceDialog {
       )
     )
       return;
-    const answer = await api.answer(api.deleteMaintenance(this.#id, event.id));
-    if (answer instanceof Error) {
+    const response = await api.settle(api.deleteMaintenance(this.#id, event.id));
+    if (response instanceof Error) {
       this.open(event.time);
-      this.#showStatus("bad", `Deleting failed: ${answer.message}.`);
+      this.#showStatus("bad", `Deleting failed: ${response.message}.`);
     }
     changed();
   }

@@ -49,21 +49,21 @@ export class MatchPage extends FramedPage {
   async refresh(signal) {
     const asset = await this.loadAsset(signal);
     if (!asset) return;
-    const latest = await api.answer(api.wear(this.id, this.query.channel, signal));
+    const latest = await api.settle(api.wear(this.id, this.query.channel, signal));
     if (latest instanceof Error) return this.#showNotice(latest.message);
     const id = this.query.segment ?? latest.segment_id;
     if (!id) return this.#showNotice("No records yet.");
-    const segment = await api.answer(api.segment(id, signal));
+    const segment = await api.settle(api.segment(id, signal));
     if (segment instanceof Error) return this.#showNotice(segment.message);
     if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
-    const match = await api.answer(api.match(id, signal));
+    const match = await api.settle(api.match(id, signal));
     if (match instanceof Error) return this.#showNotice(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
     const { library_id: library, state_index: index, wear_um: depth } = match;
     const [state, unworn, flank] = await Promise.all([
-      api.answer(api.libraryState(library, index, signal)),
-      api.answer(api.libraryState(library, 0, signal)),
-      api.answer(api.flank(library, Math.round(depth), signal)),
+      api.settle(api.libraryState(library, index, signal)),
+      api.settle(api.libraryState(library, 0, signal)),
+      api.settle(api.flank(library, Math.round(depth), signal)),
     ]);
     this.#data = { asset, segment, match, state, unworn, flank };
     await this.redraw();

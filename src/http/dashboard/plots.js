@@ -2,7 +2,7 @@
 // Plots that rest are static until the user interacts with one.
 
 import { h, svg } from "./dom.js";
-import { noteEarly } from "./early-pointer.js";
+import { recordEarlyEvents } from "./early-pointer.js";
 import { staticPlot } from "./static-plot.js";
 import { colours, translucent } from "./theme.js";
 import { fromAxis, isLocal, onAxis, zoneName } from "./time-zone.js";
@@ -14,7 +14,7 @@ function load() {
     const script = h("script", { src: new URL("static/plotly.js", document.baseURI).href });
     script.addEventListener("load", () => {
       resolve(globalThis.Plotly);
-      wakeAll();
+      activateAll();
     });
     script.addEventListener("error", () => {
       loading = undefined;
@@ -188,25 +188,25 @@ function drawStatic(element, traces, layout) {
   return true;
 }
 
-/** Wakes a static plot when the pointer comes to it. */
+/** Activates a static plot when the pointer comes to it. */
 function awaitPointer(element) {
   if (element.dataset.awaited) return;
   element.dataset.awaited = "true";
   let repeat;
   const visit = () => {
-    repeat ??= noteEarly(element);
+    repeat ??= recordEarlyEvents(element);
     activate(element);
   };
   const visits = ["pointerenter", "pointerdown"];
   for (const name of visits) element.addEventListener(name, visit);
-  onceAwake(element, () => {
+  whenActive(element, () => {
     for (const name of visits) element.removeEventListener(name, visit);
     if (repeat) queueMicrotask(repeat); // when everybody listens
   });
 }
 
 /** Lets Plotly take the place of a static drawing. */
-async function wake(element) {
+async function replaceStatic(element) {
   if (!staticPlots.has(element)) return;
   await load();
   const shown = staticPlots.get(element);
@@ -214,10 +214,10 @@ async function wake(element) {
 }
 
 /** Lets Plotly draw a static plot, if it is one. Without the library it stays as it is until the next try. */
-export const activate = (element) => wake(element).catch(() => {});
+export const activate = (element) => replaceStatic(element).catch(() => {});
 
-/** Wakes all static plots, one after the other: the one that needed Plotly comes first. */
-async function wakeAll() {
+/** Activates all static plots, one after the other: the one that needed Plotly comes first. */
+async function activateAll() {
   for (const element of staticPlots.keys()) {
     await new Promise((done) => setTimeout(done));
     if (element.checkVisibility()) await activate(element);
@@ -225,7 +225,7 @@ async function wakeAll() {
 }
 
 /** Does something with a plot now, or when Plotly has drawn it. */
-export function onceAwake(element, act) {
+export function whenActive(element, act) {
   if (element.on) act();
   else arrivals.set(element, [...(arrivals.get(element) ?? []), act]);
 }
@@ -314,7 +314,7 @@ export async function replaceLine(element, [x, y]) {
 export function onPointClick(element, callback) {
   if (element.dataset.clickable) return;
   element.dataset.clickable = "true";
-  onceAwake(element, () =>
+  whenActive(element, () =>
     element.on("plotly_click", (event) => {
       const point = event.points.find(({ customdata }) => customdata !== undefined);
       if (point) callback(Array.isArray(point.customdata) ? point.customdata[0] : point.customdata);
@@ -341,12 +341,12 @@ export function linkTimeAxes(...elements) {
   for (const element of elements) {
     if (element.dataset.linked) continue;
     element.dataset.linked = "true";
-    onceAwake(element, () =>
+    whenActive(element, () =>
       element.on("plotly_relayout", (event) => {
         const range = rangeIn(event);
         if (range === undefined) return;
         for (const other of elements.filter((each) => each !== element))
-          onceAwake(other, () => follow(other, range));
+          whenActive(other, () => follow(other, range));
       }),
     );
   }
@@ -370,7 +370,7 @@ export function keepFitted(element) {
 export async function pictureOf(element, scale, drawing) {
   const { traces, layout } = byClock(drawing.traces, drawing.layout);
   const own = themed(layout, palette()); // in the theme of this moment
-  await wake(element);
+  await replaceStatic(element);
   const shown = element._fullLayout; // with the ranges that the user sees
   const axes = Object.keys(own).filter((key) => /^[xy]axis/.test(key) && shown[key]?.range);
   const ranges = axes.map((key) => [key, { ...own[key], range: [...shown[key].range], autorange: false }]);
@@ -393,7 +393,7 @@ const instantOf = (end) =>
 export function onRangeChange(element, callback) {
   if (element.dataset.ranged) return;
   element.dataset.ranged = "true";
-  onceAwake(element, () =>
+  whenActive(element, () =>
     element.on("plotly_relayout", (event) => {
       const range = rangeIn(event);
       const isTime = element._fullLayout.xaxis.type === "date";

@@ -48,7 +48,7 @@ function slider(name, label, words, onInput) {
   return { element, input, show };
 }
 
-/** The panel; `onPreview(preview, request)` receives every answer, `onError(error)` every refusal. */
+/** The panel; `onPreview(preview, request)` receives every response, `onError(error)` every refusal. */
 export class PreviewPanel {
   #gear;
   #owner = "";

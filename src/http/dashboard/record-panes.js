@@ -163,6 +163,6 @@ export function shownPanes(query) {
  */
 export async function fetchPanes(id, query, signal, options) {
   const panes = PANES.filter(({ key, fetch }) => fetch && shownPanes(query).includes(key));
-  const answers = await Promise.all(panes.map(({ fetch }) => api.answer(fetch(id, query, signal, options))));
+  const answers = await Promise.all(panes.map(({ fetch }) => api.settle(fetch(id, query, signal, options))));
   return Object.fromEntries(panes.map(({ key }, index) => [key, answers[index]]));
 }

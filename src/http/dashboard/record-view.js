@@ -122,7 +122,7 @@ export class RecordView {
   }
 
   #toggle(key) {
-    // Uses the address, not the drawing: another click may precede the answer to the first
+    // Uses the address, not the drawing: another click may precede the response to the first
     const keys = shownPanes(parse(location.hash).query);
     const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
     change({ show: next.join(",") || "none" }, { quiet: true });

@@ -6,7 +6,7 @@ import { h, setText } from "./dom.js";
 import { clock, some } from "./format.js";
 import { storeName, storedName } from "./person.js";
 
-const AT_ONCE = 200; // ids in one request
+const IDS_PER_REQUEST = 200; // ids in one request
 const PAGE = 1000;
 const MIN_BASELINE = 8;
 
@@ -243,7 +243,7 @@ export class RecordActions {
 }
 
 function chunks(ids) {
-  return Array.from({ length: Math.ceil(ids.length / AT_ONCE) }, (_, n) =>
-    ids.slice(n * AT_ONCE, (n + 1) * AT_ONCE),
+  return Array.from({ length: Math.ceil(ids.length / IDS_PER_REQUEST) }, (_, n) =>
+    ids.slice(n * IDS_PER_REQUEST, (n + 1) * IDS_PER_REQUEST),
   );
 }

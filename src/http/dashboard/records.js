@@ -165,8 +165,8 @@ export class RecordsPage extends FramedPage {
     const { order = "desc", cursor } = this.query;
     const [asset, known, page] = await Promise.all([
       this.loadAsset(signal),
-      api.answer(api.recordCount(this.id, parameters, signal)),
-      api.answer(api.recordsPage(this.id, { ...parameters, order, cursor, limit: PAGE }, signal)),
+      api.settle(api.recordCount(this.id, parameters, signal)),
+      api.settle(api.recordsPage(this.id, { ...parameters, order, cursor, limit: PAGE }, signal)),
     ]);
     if (!asset) return;
     const asked = this.#address(cursor);

@@ -11,7 +11,7 @@ const PACES = [
   ["realtime", "real time"],
 ];
 
-const MOST = 1000; // files that the service lists
+const MAX_FILES = 1000; // files that the service lists
 const BY_NAME = ""; // the choice of a file that is not listed
 
 /** The replay section of the dialog. */
@@ -76,11 +76,11 @@ export class ReplayPanel {
 
   /** Lists the available files. A name can be entered only when some may be missing from the list. */
   async #listFiles() {
-    const answer = await replayFiles().catch(() => null);
-    const items = answer?.items ?? [];
-    const isWhole = answer && items.length < MOST;
+    const response = await replayFiles().catch(() => null);
+    const items = response?.items ?? [];
+    const isWhole = response && items.length < MAX_FILES;
     const chosen = this.#file.value;
-    this.#empty.hidden = !answer || items.length > 0;
+    this.#empty.hidden = !response || items.length > 0;
     this.#form.hidden = isWhole && items.length === 0;
     setChildren(
       this.#file,
@@ -120,9 +120,9 @@ export class ReplayPanel {
 
   /** Fetches this asset's replays. The page reports a lost connection. */
   async refresh() {
-    let answer;
+    let response;
     try {
-      answer = await replays();
+      response = await replays();
     } catch (error) {
       this.#isRefused = error instanceof ApiError;
       if (this.#isRefused) this.#fail(error);
@@ -130,9 +130,9 @@ export class ReplayPanel {
     }
     if (this.#isRefused) this.#error.hidden = true;
     this.#isRefused = false;
-    if (answer === this.#shown) return;
-    this.#shown = answer;
-    const own = answer.items.filter((replay) => replay.asset === this.#assetId).reverse();
+    if (response === this.#shown) return;
+    this.#shown = response;
+    const own = response.items.filter((replay) => replay.asset === this.#assetId).reverse();
     this.#rows.show(own);
   }
 

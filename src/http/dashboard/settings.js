@@ -148,7 +148,7 @@ export class SettingsPage extends FramedPage {
   /** Shows how deep wear can be estimated with the asset's library, if it is complete. */
   async #showReach() {
     const { library_id: id, library_state: state } = this.#asset.summary;
-    const library = state === "ready" ? await api.answer(api.library(id)) : null;
+    const library = state === "ready" ? await api.settle(api.library(id)) : null;
     this.#most = library && !(library instanceof Error) ? library.max_wear_um : undefined;
     this.#reach.hidden = !this.#most;
     setText(this.#reach, reachWords(this.#most));

@@ -155,8 +155,8 @@ export class SetupPage {
     if (this.#asked) return;
     const id = this.#query.edit ?? this.#query.copy;
     const [presets, asset] = await Promise.all([
-      api.answer(api.pairPresets(signal)),
-      id ? api.answer(api.asset(id, signal)) : null,
+      api.settle(api.pairPresets(signal)),
+      id ? api.settle(api.asset(id, signal)) : null,
     ]);
     this.#asked = true;
     if (!(presets instanceof Error)) this.#pair.offer(presets.items);

@@ -83,7 +83,7 @@ export class SpectrumTools {
   }
 
   #place(kind) {
-    // Uses the address, not the drawing: another choice may precede the answer to the first
+    // Uses the address, not the drawing: another choice may precede the response to the first
     const { query } = parse(location.hash);
     const placed =
       kind === "b"

@@ -16,17 +16,17 @@ export class StreamFeed {
   #abort = null;
   #closed = false;
   #again;
-  #visible = () => (document.hidden ? this.#abort?.abort() : this.#follow());
+  #visible = () => (document.hidden ? this.#abort?.abort() : this.#subscribe());
 
   constructor(id, name, onFrame, onState) {
     this.#href = address(["assets", id, "stream", "live"], { name });
     this.#onFrame = onFrame;
     this.#onState = onState;
     document.addEventListener("visibilitychange", this.#visible);
-    this.#follow();
+    this.#subscribe();
   }
 
-  async #follow() {
+  async #subscribe() {
     clearTimeout(this.#again);
     this.#abort?.abort();
     if (this.#closed || document.hidden) return;
@@ -39,7 +39,7 @@ export class StreamFeed {
     }
     if (this.#abort !== abort || abort.signal.aborted) return;
     this.#onState(lost);
-    this.#again = setTimeout(() => this.#follow(), AGAIN_MS);
+    this.#again = setTimeout(() => this.#subscribe(), AGAIN_MS);
   }
 
   #take({ kind, data }, abort) {

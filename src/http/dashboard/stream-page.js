@@ -158,7 +158,7 @@ export class StreamPage extends FramedPage {
     const asset = await this.loadAsset(signal);
     if (!asset) return this.#forget();
     this.#assetName = assetName(asset);
-    const streams = await api.answer(api.streams(this.id, signal));
+    const streams = await api.settle(api.streams(this.id, signal));
     if (streams instanceof Error) return this.#showNotice({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
     this.#showChoices();
@@ -301,14 +301,14 @@ export class StreamPage extends FramedPage {
     }
     const channel = this.#channel?.name;
     if (!channel) return;
-    const page = await api.answer(api.recordsPage(this.id, { channel, limit: 1, order: "desc" }, signal));
+    const page = await api.settle(api.recordsPage(this.id, { channel, limit: 1, order: "desc" }, signal));
     const [segment] = page instanceof Error ? [] : page.items;
     if (!segment) {
       this.#record = null;
       return;
     }
     if (this.#record?.segment.id === segment.id) return;
-    const spectrum = await api.answer(api.spectrum(segment.id, null, null, 2000, signal));
+    const spectrum = await api.settle(api.spectrum(segment.id, null, null, 2000, signal));
     this.#record = spectrum instanceof Error ? null : { segment, spectrum };
     await this.redraw();
   }
@@ -432,7 +432,7 @@ export class StreamPage extends FramedPage {
     this.#keep.disabled = true;
     setText(this.#saveStatus, "Saving…");
     try {
-      const saved = await api.answer(api.keepStream(this.id, this.#name, seconds));
+      const saved = await api.settle(api.keepStream(this.id, this.#name, seconds));
       if (saved instanceof Error) return setText(this.#saveStatus, `Saving failed: ${saved.message}`);
       const rate = this.#frame?.sample_rate_hz;
       const length = rate ? `${number(saved.samples / rate, 3)} s` : `${saved.samples} samples`;
@@ -454,7 +454,7 @@ export class StreamPage extends FramedPage {
   async #find({ start_time: time, samples }, channel) {
     for (let look = 0; look < FIND_TIMES; look++) {
       await new Promise((resolve) => setTimeout(resolve, look ? FIND_MS : 150));
-      const page = await api.answer(api.recordsPage(this.id, { channel, from: time, limit: 10 }));
+      const page = await api.settle(api.recordsPage(this.id, { channel, from: time, limit: 10 }));
       if (page instanceof Error) continue;
       const found = page.items.find((item) => item.start_time === time && item.samples === samples);
       if (found) return found;

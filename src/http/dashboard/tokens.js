@@ -80,15 +80,15 @@ export class TokensPage {
 
   /** Fetches the tokens and shows what changed. */
   async refresh(signal) {
-    const [answer, session] = await Promise.all([
-      api.answer(api.tokens(signal)),
+    const [response, session] = await Promise.all([
+      api.settle(api.tokens(signal)),
       api.session().catch(() => null),
     ]);
-    if (answer === this.#shown && session?.id === this.#session?.id) return;
-    [this.#shown, this.#session] = [answer, session];
-    const items = answer instanceof Error ? [] : answer.items;
-    this.#form.hidden = answer instanceof Error;
-    const isFirst = !(answer instanceof Error) && items.length === 0 && !session;
+    if (response === this.#shown && session?.id === this.#session?.id) return;
+    [this.#shown, this.#session] = [response, session];
+    const items = response instanceof Error ? [] : response.items;
+    this.#form.hidden = response instanceof Error;
+    const isFirst = !(response instanceof Error) && items.length === 0 && !session;
     this.#first.hidden = !isFirst;
     for (const { scope, radio } of this.#scopes) {
       radio.disabled = isFirst && scope !== "admin";
@@ -96,7 +96,7 @@ export class TokensPage {
     }
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
-    setText(this.#notice, answer instanceof Error ? answer.message : "No tokens yet.");
+    setText(this.#notice, response instanceof Error ? response.message : "No tokens yet.");
     this.#rows.show(items, (token) => JSON.stringify([token, this.#session?.id]));
   }
 
@@ -121,7 +121,7 @@ export class TokensPage {
 
   async #create(event) {
     event.preventDefault();
-    if (this.#isCreating) return; // a second click before the answer
+    if (this.#isCreating) return; // a second click before the response
     const name = this.#name.value.trim();
     this.#name.removeAttribute("aria-invalid");
     if (!name) {
@@ -184,10 +184,10 @@ export class TokensPage {
   async #revoke({ id, name }, own) {
     const words = own ? "This ends your session." : "Clients that use it lose access.";
     if (!confirm(`Revoke token “${name}”? ${words}`)) return;
-    const answer = await api.answer(api.revokeToken(id));
+    const response = await api.settle(api.revokeToken(id));
     this.#showStatus(
-      answer instanceof Error ? "bad" : "good",
-      answer instanceof Error ? `Revoking failed: ${answer.message}.` : `Token “${name}” revoked.`,
+      response instanceof Error ? "bad" : "good",
+      response instanceof Error ? `Revoking failed: ${response.message}.` : `Token “${name}” revoked.`,
     );
     await this.refresh().catch(() => {});
   }

@@ -88,7 +88,7 @@ export class TrendsCard extends LevelPlot {
 
   /** Draws the trends, or says why there is nothing to draw. */
   async update({ asset, trend, history, latest, events }, selected, revision) {
-    const { names, panes, answer: indicators, bins, others } = trend;
+    const { names, panes, response: indicators, bins, others } = trend;
     const query = this.#query();
     this.#bins.value = query.bins ?? "";
     this.#bins.querySelector("[value=own]").hidden = !asset.operating_bins?.length;

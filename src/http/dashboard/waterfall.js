@@ -97,7 +97,7 @@ export class WaterfallPage extends FramedPage {
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
     if (asked === this.#asked && same) return;
     if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
-    const answer = await api.answer(
+    const response = await api.settle(
       api.waterfall(this.id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
     );
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
@@ -105,8 +105,8 @@ export class WaterfallPage extends FramedPage {
     this.#axis.value = axis ?? "";
     // Not while the user is typing: a change of the address would overwrite the input
     if (document.activeElement !== this.#max) this.#max.value = max ?? "";
-    if (answer instanceof Error) return this.#card.showNotice(answer.message);
-    this.#shown = answer;
+    if (response instanceof Error) return this.#card.showNotice(response.message);
+    this.#shown = response;
     await this.redraw();
   }
 
