@@ -31,7 +31,7 @@ pub(super) struct Attempts {
 
 impl Attempts {
     /// Reads the attempts of the record in a message.
-    async fn of(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
+    async fn load(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
         let failed = ClusterError::jetstream("read the attempts of a record");
         let Some(subject) = subject(connection, message) else {
             return Ok(Self::default());
@@ -49,7 +49,7 @@ impl Attempts {
 
     /// Counts that a worker begins with a record which was delivered before; returns the earlier attempts.
     pub(super) async fn begin(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
-        let earlier = Self::of(connection, message).await?;
+        let earlier = Self::load(connection, message).await?;
         Self { begun: earlier.begun + 1, ..earlier.clone() }.store(connection, message).await?;
         Ok(earlier)
     }
@@ -67,7 +67,7 @@ impl Attempts {
         error: &str,
     ) -> Result<(), ClusterError> {
         let (earlier, delivery) =
-            (Self::of(connection, message).await?, message.info().map_or(1, |info| info.delivered));
+            (Self::load(connection, message).await?, message.info().map_or(1, |info| info.delivered));
         let attempts = Self {
             excused: earlier.excused + i64::from(earlier.latest < delivery),
             latest: delivery,

@@ -39,7 +39,7 @@ impl Exclusions {
         ranges: &[RecordRange],
         is_excluded: bool,
     ) -> Result<u64, ServiceError> {
-        let group = SensorGroup::of(&self.store, asset).await?;
+        let group = SensorGroup::load(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
         let mut changed = BTreeMap::new();
         let marked = self.mark(&assets, ranges, is_excluded, &mut changed).await;

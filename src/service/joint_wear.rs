@@ -30,7 +30,7 @@ impl JointWear {
     }
 
     /// Computes the joint estimate of these channels; returns `None` without records.
-    pub async fn of(store: &Store, channels: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
+    pub async fn load(store: &Store, channels: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
         let mut latest = Vec::with_capacity(channels.len());
         for channel in channels {
             if let Some(segment) = store.latest_counted(channel).await? {

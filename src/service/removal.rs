@@ -39,7 +39,7 @@ impl Removals {
     /// # Errors
     /// [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn remove_each(&self, asset: &AssetId, ranges: &[RecordRange]) -> Result<u64, ServiceError> {
-        let group = SensorGroup::of(&self.store, asset).await?;
+        let group = SensorGroup::load(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
         let mut count = 0;
         let mut orphans = Vec::new();

@@ -21,7 +21,7 @@ impl SensorGroup {
     ///
     /// # Errors
     /// [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
-    pub(crate) async fn of(store: &Store, id: &AssetId) -> Result<Self, ServiceError> {
+    pub(crate) async fn load(store: &Store, id: &AssetId) -> Result<Self, ServiceError> {
         let all = store.assets_of_sensor(id).await?;
         let asset = one_of(&all, id)?;
         if let Some(of) = &asset.spec.sensor.of {

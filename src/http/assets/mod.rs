@@ -315,7 +315,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let channels = store.channels(&asset.spec.id).await?;
     let (library_id, simulation) = app.service.simulations.of(&asset.spec);
     let library_state = simulation.readiness.name();
-    let joint = JointWear::of(store, &JointWear::contributing_channels(asset, &channels)).await?;
+    let joint = JointWear::load(store, &JointWear::contributing_channels(asset, &channels)).await?;
     let (mut wear, mut wear_channel, mut wear_channels) = (None, None, Vec::new());
     let mut recent_wear_um = Vec::new();
     if let Some(joint) = joint {

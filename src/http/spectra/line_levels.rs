@@ -41,7 +41,7 @@ type Amplitudes = Vec<Option<f64>>;
 
 impl SpectrumLines {
     /// The amplitudes in the spectrum of a segment, and the band of its envelope.
-    pub(crate) async fn of(
+    pub(crate) async fn compute(
         &self,
         service: &Service,
         segment: &Segment,
@@ -103,7 +103,7 @@ impl SpectrumLines {
                 let positions = self.positions.iter().map(|at| at * scale).collect();
                 let (lines, service, record) =
                     (Self { positions, ..self.clone() }, Arc::clone(service), record.clone());
-                tasks.spawn(async move { lines.of(&service, &record).await });
+                tasks.spawn(async move { lines.compute(&service, &record).await });
             }
             while let Some(done) = tasks.join_next().await {
                 match done.map_err(|_| ServiceError::WorkerLost("read the lines of a spectrum"))? {

@@ -109,7 +109,8 @@ pub(crate) async fn lines(
         evenly(baseline.len(), BASELINE_RECORDS).into_iter().map(|n| baseline[n].clone()).collect();
     let _ticket = app.service.workers.admit_response()?;
     let mut lines = SpectrumLines { kind: params.spectrum, axis: params.axis, positions, band };
-    let own = lines.of(&app.service, &segment).await.map_err(|error| envelope_band::refusal(error, band))?;
+    let own =
+        lines.compute(&app.service, &segment).await.map_err(|error| envelope_band::refusal(error, band))?;
     let (own, band_hz) = own.map_err(|reason| angle::absent("spectrum over orders", reason))?;
     if let Some(band_hz) = band_hz {
         lines.band = BandChoice::Hertz(band_hz);

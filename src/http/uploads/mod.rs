@@ -304,7 +304,7 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
     let store = &app.service.store;
     let channels = store.channels(asset).await?;
     let description = store.asset(asset).await?;
-    let joint = JointWear::of(store, &JointWear::contributing_channels(&description, &channels)).await?;
+    let joint = JointWear::load(store, &JointWear::contributing_channels(&description, &channels)).await?;
     let wear = joint.map(|joint| joint.wear);
     Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, segments, wear })))
 }

@@ -82,7 +82,7 @@ pub(super) async fn latest(
         return Ok(etag::not_modified(tag));
     }
     let limits = asset.spec.limits;
-    let view = match JointWear::of(&app.service.store, &channels).await? {
+    let view = match JointWear::load(&app.service.store, &channels).await? {
         Some(joint) => WearView {
             asset_id: id,
             channel: Some(joint.leading.channel),

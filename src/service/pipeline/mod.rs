@@ -176,10 +176,10 @@ impl Pipeline {
         bytes: Bytes,
         metadata: UploadMetadata,
     ) -> Result<Vec<Accepted>, ServiceError> {
-        let group = SensorGroup::of(&self.store, asset).await?;
+        let group = SensorGroup::load(&self.store, asset).await?;
         let received_at = self.clock.now();
         let (units, latest) =
-            (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
+            (ChannelUnits::load(&self.store, &group.asset.spec).await?, self.latest(received_at));
         let records = {
             let (spec, bytes) = (group.asset.spec.clone(), bytes.clone());
             let decode_and_identify = move || {
@@ -230,7 +230,7 @@ impl Pipeline {
 
     async fn take_queued(&self, queued: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
         let metadata = &queued.metadata;
-        let group = SensorGroup::of(&self.store, &metadata.asset_id).await?;
+        let group = SensorGroup::load(&self.store, &metadata.asset_id).await?;
         if group.asset.created_at != queued.asset_created_at {
             return Ok(None);
         }
@@ -373,7 +373,7 @@ impl Pipeline {
         records: &[IdentifiedRecord],
         received_at: Timestamp,
     ) -> Result<(), ServiceError> {
-        for member in SensorGroup::of(&self.store, asset).await?.members {
+        for member in SensorGroup::load(&self.store, asset).await?.members {
             let theirs = records.iter().map(|record| record.for_member(&member)).collect();
             self.analyse_for_member(member, theirs, received_at).await?;
         }

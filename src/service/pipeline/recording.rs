@@ -40,8 +40,8 @@ impl Pipeline {
         open: impl FnOnce() -> io::Result<R> + Send + 'static,
     ) -> Result<BatchSummary, ServiceError> {
         let _permit = self.workers.admit_recording()?;
-        let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
-        let units = ChannelUnits::of(&self.store, &spec).await?;
+        let spec = SensorGroup::load(&self.store, asset).await?.asset.spec;
+        let units = ChannelUnits::load(&self.store, &spec).await?;
         let mut defaults = defaults_of(&spec, &units, self.clock.now());
         defaults.channel_units.extend(names.units(&units));
         let missing = Arc::new(Mutex::new(names.recorded()));
@@ -102,10 +102,10 @@ impl Pipeline {
         read: ReadBatch,
     ) -> Result<RecordedBatch, ServiceError> {
         let ReadBatch { records, memory } = read;
-        let group = SensorGroup::of(&self.store, asset).await?;
+        let group = SensorGroup::load(&self.store, asset).await?;
         let received_at = self.clock.now();
         let (mut units, latest) =
-            (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
+            (ChannelUnits::load(&self.store, &group.asset.spec).await?, self.latest(received_at));
         for (_, recorded) in &records {
             if let Ok(recorded) = recorded {
                 units.learn_unit(&recorded.record);

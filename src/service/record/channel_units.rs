@@ -25,7 +25,7 @@ pub(crate) struct ChannelUnits {
 
 impl ChannelUnits {
     /// Reads the known units of an asset's channels.
-    pub(crate) async fn of(store: &Store, spec: &AssetSpec) -> Result<Self, ServiceError> {
+    pub(crate) async fn load(store: &Store, spec: &AssetSpec) -> Result<Self, ServiceError> {
         let mut by_channel: HashMap<String, String> = spec.channel_units().into_iter().collect();
         for (channel, unit) in store.channel_units(&spec.id).await? {
             // If no unit was given so far, the description may give it later.

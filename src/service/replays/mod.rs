@@ -128,9 +128,9 @@ impl Replays {
         asset: &AssetId,
         file: &str,
     ) -> Result<(AssetSpec, ChannelUnits, PathBuf), ServiceError> {
-        let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
+        let spec = SensorGroup::load(&self.store, asset).await?.asset.spec;
         let path = folder::find(&self.folder, file)?;
-        let units = ChannelUnits::of(&self.store, &spec).await?;
+        let units = ChannelUnits::load(&self.store, &spec).await?;
         Ok((spec, units, path))
     }
 

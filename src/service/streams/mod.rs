@@ -114,9 +114,9 @@ impl Streams {
         first: Option<u64>,
     ) -> Result<StreamSender, ServiceError> {
         check_name(name)?;
-        let described = SensorGroup::of(&self.store, asset).await?.asset;
+        let described = SensorGroup::load(&self.store, asset).await?.asset;
         if let Some(unit) = &format.unit {
-            let units = ChannelUnits::of(&self.store, &described.spec).await?;
+            let units = ChannelUnits::load(&self.store, &described.spec).await?;
             format.signal_names().iter().try_for_each(|channel| units.check(channel, unit))?;
         }
         let cutting = Arc::new(Cutting::of(&described.spec, &format)?);

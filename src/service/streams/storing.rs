@@ -144,7 +144,7 @@ impl Streams {
             return self.accept(asset, format, bytes, metadata).await;
         };
         // Bare samples cannot carry pulses; blocks of one channel can.
-        let units = ChannelUnits::of(&self.store, &described.spec).await?;
+        let units = ChannelUnits::load(&self.store, &described.spec).await?;
         let start_time = pending.start_time;
         let blocks = move || -> Result<Vec<Vec<u8>>, ServiceError> {
             let records = decode_upload(&described.spec, &units, format, &bytes, &metadata, start_time)?;

@@ -201,7 +201,8 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicator_values", "feature_values"], self.read()).await?;
+        let layouts =
+            self.layouts().load(&rows, &["indicator_values", "feature_values"], self.read()).await?;
         rows.iter().map(|row| new_segment_of(row, &layouts)).collect()
     }
 

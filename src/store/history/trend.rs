@@ -244,7 +244,7 @@ impl Store {
         }
         loop {
             let rows = rows_after(&mut snapshot, &channel, trend.last().as_ref(), ROWS_PER_QUERY).await?;
-            let layouts = self.layouts().of(&rows, &COLUMNS, &mut *snapshot).await?;
+            let layouts = self.layouts().load(&rows, &COLUMNS, &mut *snapshot).await?;
             for row in &rows {
                 trend.push(row, &layouts)?;
             }

@@ -295,7 +295,7 @@ impl Store {
         if rows.len() < RECORDS {
             return Ok(false);
         }
-        let layouts = self.layouts().of(&rows, &trend::COLUMNS, &mut *snapshot).await?;
+        let layouts = self.layouts().load(&rows, &trend::COLUMNS, &mut *snapshot).await?;
         drop(snapshot);
         for row in &rows {
             trend.push(row, &layouts)?;

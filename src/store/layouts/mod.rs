@@ -123,7 +123,7 @@ impl LayoutCache {
     }
 
     /// The layouts of these columns of rows; those that are not in memory are read from the database.
-    pub(in crate::store) async fn of<'e>(
+    pub(in crate::store) async fn load<'e>(
         &self,
         rows: &[AnyRow],
         columns: &[&'static str],

@@ -101,7 +101,7 @@ impl Store {
         let query = channels.iter().fold(query, |query, channel| query.bind(*channel));
         let rows = query.fetch_all(self.read()).await?;
         let layouts =
-            self.layouts().of(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
+            self.layouts().load(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
         let record = |row| {
             let channel: String = get(row, "name")?;
             let mut indicators: Indicators = layouts.read(row, "indicator_values", &channel)?;

@@ -45,7 +45,7 @@ impl Store {
         .fetch_all(self.read())
         .await?;
         let layouts =
-            self.layouts().of(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
+            self.layouts().load(&rows, &["indicator_values", "run_indicator_values"], self.read()).await?;
         let results = rows.iter().map(|row| {
             let id: String = get(row, "id")?;
             Ok(RecordResults {

@@ -211,7 +211,7 @@ impl Store {
             );
             let query = chunk.iter().fold(sqlx::query(&text), |query, id| query.bind(id.0.as_str()));
             let rows = query.fetch_all(self.read()).await?;
-            let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
+            let layouts = self.layouts().load(&rows, &COLUMNS, self.read()).await?;
             let mut by_id = HashMap::with_capacity(rows.len());
             for row in &rows {
                 let segment = segment_of(row, &layouts)?;
@@ -267,7 +267,8 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let layouts = self.layouts().of(&rows, &["indicator_values", "feature_values"], self.read()).await?;
+        let layouts =
+            self.layouts().load(&rows, &["indicator_values", "feature_values"], self.read()).await?;
         rows.iter().map(|row| features_of(row, &layouts)).collect()
     }
 
@@ -300,7 +301,7 @@ impl Store {
             .bind(i64::from(limit))
             .fetch_all(self.read())
             .await?;
-        let layouts = self.layouts().of(&rows, &COLUMNS, self.read()).await?;
+        let layouts = self.layouts().load(&rows, &COLUMNS, self.read()).await?;
         rows.iter().map(|row| segment_of(row, &layouts)).collect()
     }
 }
