@@ -125,7 +125,7 @@ impl Worker {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             in_progress: in_progress.load(Ordering::Relaxed),
             at_once: at_once as u64,
-            stored: service.tally.of(RecordOutcome::Stored),
+            stored: service.record_counts.of(RecordOutcome::Stored),
             partitions: owned.borrow().iter().copied().collect(),
             states_read: service.history.states_read(),
         })

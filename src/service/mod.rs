@@ -52,6 +52,7 @@ mod raw;
 mod rebuild;
 mod recomputation;
 mod record;
+mod record_counts;
 mod removal;
 mod replay;
 mod replays;
@@ -59,7 +60,6 @@ mod sensor_group;
 mod silence;
 mod simulations;
 mod streams;
-mod tally;
 mod thinner;
 mod upkeep;
 mod work_queue;
@@ -86,9 +86,10 @@ pub use raw::UploadPieces;
 pub use rebuild::Rebuilt;
 pub use recomputation::{Recomputation, RecomputationState};
 pub use record::{
-    BandChoice, ChannelNames, RecalledRecord, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope,
+    BandChoice, ChannelNames, LoadedRecord, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope,
     StoredRecords, UploadMetadata,
 };
+pub use record_counts::{RecordCounts, RecordOutcome};
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::{ReplayFile, Replays};
@@ -98,7 +99,6 @@ pub use streams::{
     CampaignStatus, LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress,
     StreamSender, StreamStatus, StreamViewer, Streams,
 };
-pub use tally::{RecordOutcome, Tally};
 pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};
 pub(crate) use workers::blocking;
 pub use workers::{Ticket, Workers};

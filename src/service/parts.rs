@@ -18,11 +18,11 @@ use super::maintenance::Maintenance;
 use super::pipeline::{CommitQueue, Committer, Pipeline};
 use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
+use super::record_counts::RecordCounts;
 use super::removal::Removals;
 use super::replays::{Replays, prepare_folders};
 use super::simulations::{LibrarySource, Simulations};
 use super::streams::Streams;
-use super::tally::Tally;
 use super::thinner::Thinner;
 use super::upkeep::Upkeep;
 use super::work_queue::Role;
@@ -74,7 +74,7 @@ pub struct Service {
     /// Sources of records other than HTTP.
     pub feeds: Feeds,
     /// Counts of records since the start.
-    pub tally: Arc<Tally>,
+    pub record_counts: Arc<RecordCounts>,
     /// Live events.
     pub events: EventSender,
     /// The role of this process.
@@ -103,7 +103,7 @@ impl Service {
     ) -> Result<Arc<Self>, ServiceError> {
         prepare_folders(&folders)?;
         let events = EventSender::default();
-        let tally = Arc::<Tally>::default();
+        let record_counts = Arc::<RecordCounts>::default();
         let workers = Arc::new(Workers::new(limits)?);
         let cache = Arc::new(LibraryCache::new(folders.libraries));
         let source = LibrarySource::new(cache, &store, &clock, !role.is_api_node());
@@ -144,7 +144,7 @@ impl Service {
             committer: Arc::clone(&committer),
             clock: Arc::clone(&clock),
             role: role.clone(),
-            tally: Arc::clone(&tally),
+            record_counts: Arc::clone(&record_counts),
             start_time_ahead: limits.start_time_ahead,
         });
         let backfill = Arc::new(Backfill {
@@ -235,7 +235,7 @@ impl Service {
             simulations,
             pipeline,
             history,
-            tally,
+            record_counts,
             events,
             role,
             clock,

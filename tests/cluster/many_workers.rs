@@ -99,7 +99,8 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             while let Some(done) = tasks.join_next().await {
                 done.unwrap();
             }
-            let stored: u64 = workers.iter().map(|worker| worker.tally.of(RecordOutcome::Stored)).sum();
+            let stored: u64 =
+                workers.iter().map(|worker| worker.record_counts.of(RecordOutcome::Stored)).sum();
             assert_eq!(stored, all.len() as u64, "{count} workers");
             for (spec, (keys, expected)) in after.iter().zip(expected.as_ref().unwrap()) {
                 settle(&workers[count - 1], &spec.id, keys).await;

@@ -218,7 +218,7 @@ impl TestCluster {
 
     /// Returns the number of records that a worker stored.
     pub(super) fn stored_by(&self, worker: usize) -> u64 {
-        self.workers[worker].1.tally.of(RecordOutcome::Stored)
+        self.workers[worker].1.record_counts.of(RecordOutcome::Stored)
     }
 
     /// Returns the number of states of channels that a worker read from the store.

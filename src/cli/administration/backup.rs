@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::store_place::{StorePlace, runtime};
+use super::store_options::{StoreOptions, runtime};
 use crate::cli::CliError;
 use crate::cli::output::{counted, print};
 use crate::store::{Copied, back_up, put_back};
@@ -19,7 +19,7 @@ pub(in crate::cli) struct BackupArgs {
     #[arg(value_name = "TO")]
     to: PathBuf,
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
 }
 
 /// Arguments of `flankwatch restore`.
@@ -29,17 +29,17 @@ pub(in crate::cli) struct RestoreArgs {
     #[arg(value_name = "FROM")]
     from: PathBuf,
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
 }
 
 pub(in crate::cli) fn back_up_folder(args: &BackupArgs) -> Result<(), CliError> {
-    let folder = args.place.folder(INSTEAD)?;
-    let quarantined_for = args.place.resolve()?.0.service.work.quarantined_for;
+    let folder = args.options.folder(INSTEAD)?;
+    let quarantined_for = args.options.resolve()?.0.service.work.quarantined_for;
     report(&runtime()?.block_on(back_up(&folder, &args.to, quarantined_for))?)
 }
 
 pub(in crate::cli) fn restore(args: &RestoreArgs) -> Result<(), CliError> {
-    let folder = args.place.folder(INSTEAD)?;
+    let folder = args.options.folder(INSTEAD)?;
     report(&runtime()?.block_on(put_back(&args.from, &folder))?)
 }
 

@@ -12,7 +12,7 @@ pub(in crate::cli) struct ClusterArgs {
     #[command(subcommand)]
     action: Action,
     #[command(flatten)]
-    place: ClusterPlace,
+    options: ClusterOptions,
 }
 
 #[derive(Debug, Clone, Subcommand)]
@@ -23,7 +23,7 @@ enum Action {
 
 /// The cluster that a command works on, and its output format.
 #[derive(Debug, Clone, Args)]
-pub(super) struct ClusterPlace {
+pub(super) struct ClusterOptions {
     /// Settings file (TOML) with the table `cluster`.
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
@@ -43,11 +43,11 @@ pub(super) enum Format {
 #[cfg(not(feature = "nats"))]
 pub(in crate::cli) fn run(args: &ClusterArgs) -> Result<(), CliError> {
     let Action::Status = args.action;
-    args.place.refuse("flankwatch cluster")
+    args.options.refuse("flankwatch cluster")
 }
 
 #[cfg(not(feature = "nats"))]
-impl ClusterPlace {
+impl ClusterOptions {
     /// Returns the error that this program was built without clusters.
     pub(super) fn refuse(&self, command: &'static str) -> Result<(), CliError> {
         // The settings file is not read.
@@ -60,15 +60,15 @@ impl ClusterPlace {
 mod with_cluster {
     use jiff::Timestamp;
 
-    use super::{Action, CliError, ClusterArgs, ClusterPlace, Format};
-    use crate::cli::administration::store_place;
+    use super::{Action, CliError, ClusterArgs, ClusterOptions, Format};
+    use crate::cli::administration::store_options;
     use crate::cli::output::print;
     use crate::cli::service::serve::ServeArgs;
     use crate::cli::service::serve_error::ServeError;
     use crate::cluster::{Cluster, ClusterError};
     use crate::service::QueueOverview;
 
-    impl ClusterPlace {
+    impl ClusterOptions {
         /// Connects to the cluster and runs `work` with it.
         pub(in crate::cli::administration) fn with<T>(
             &self,
@@ -76,7 +76,7 @@ mod with_cluster {
         ) -> Result<T, CliError> {
             let serve = ServeArgs { config: self.config.clone(), ..ServeArgs::default() };
             let settings = serve.resolve()?.cluster.ok_or(ServeError::NoClusterTable)?;
-            let runtime = store_place::runtime()?;
+            let runtime = store_options::runtime()?;
             let done = runtime.block_on(async { work(Cluster::connect(settings.nats).await?).await });
             Ok(done.map_err(ServeError::from)?)
         }
@@ -84,8 +84,8 @@ mod with_cluster {
 
     pub(in crate::cli) fn run(args: &ClusterArgs) -> Result<(), CliError> {
         let Action::Status = args.action;
-        let overview = args.place.with(async |cluster| cluster.overview().await)?;
-        match args.place.format {
+        let overview = args.options.with(async |cluster| cluster.overview().await)?;
+        match args.options.format {
             Format::Table => print(&table(&overview, Timestamp::now())),
             Format::Json => print(&format!("{:#}\n", serde_json::json!(overview))),
         }

@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use super::cluster::ClusterPlace;
+use super::cluster::ClusterOptions;
 use crate::cli::CliError;
 
 /// Arguments of `flankwatch dead-letters`.
@@ -11,7 +11,7 @@ pub(in crate::cli) struct DeadLettersArgs {
     #[command(subcommand)]
     action: Action,
     #[command(flatten)]
-    place: ClusterPlace,
+    options: ClusterOptions,
 }
 
 #[derive(Debug, Clone, Subcommand)]
@@ -42,7 +42,7 @@ struct Selection {
 
 #[cfg(not(feature = "nats"))]
 pub(in crate::cli) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
-    args.place.refuse("flankwatch dead-letters")
+    args.options.refuse("flankwatch dead-letters")
 }
 
 #[cfg(feature = "nats")]
@@ -61,17 +61,17 @@ mod with_cluster {
     const DEFAULT_WIDTH: usize = 80;
 
     pub(in crate::cli) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
-        let format = args.place.format;
+        let format = args.options.format;
         match &args.action {
             Action::List => {
-                let letters = args.place.with(async |cluster| cluster.dead_letters().await)?;
+                let letters = args.options.with(async |cluster| cluster.dead_letters().await)?;
                 match format {
                     Format::Table => print(&table(&letters, width())),
                     Format::Json => print(&format!("{:#}\n", json!({ "items": letters }))),
                 }
             }
             Action::Show { number } => {
-                let letter = args.place.with(async |cluster| cluster.dead_letter(*number).await)?;
+                let letter = args.options.with(async |cluster| cluster.dead_letter(*number).await)?;
                 match format {
                     Format::Table => print(&description(&letter)),
                     Format::Json => print(&format!("{:#}\n", json!(letter))),
@@ -98,7 +98,7 @@ mod with_cluster {
         selection: &Selection,
         work: impl AsyncFn(&Cluster, u64) -> Result<(), ClusterError>,
     ) -> Result<Vec<u64>, CliError> {
-        args.place.with(async |cluster| {
+        args.options.with(async |cluster| {
             let numbers = if selection.all {
                 cluster.dead_letters().await?.iter().map(|letter| letter.number).collect()
             } else {

@@ -5,6 +5,6 @@ pub(super) mod cluster;
 pub(super) mod dead_letters;
 pub(super) mod quarantine;
 pub(super) mod rebuild;
-mod store_place;
+mod store_options;
 pub(super) mod token;
 pub(super) mod verify;

@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use super::store_place::{StorePlace, runtime};
+use super::store_options::{StoreOptions, runtime};
 use crate::cli::CliError;
 use crate::cli::output::print;
 use crate::store::Store;
@@ -13,7 +13,7 @@ pub(in crate::cli) struct QuarantineArgs {
     #[command(subcommand)]
     action: Action,
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
 }
 
 #[derive(Debug, Clone, Subcommand)]
@@ -35,7 +35,7 @@ enum Action {
 }
 
 pub(in crate::cli) fn run(args: &QuarantineArgs) -> Result<(), CliError> {
-    let (_, settings) = args.place.resolve_existing()?;
+    let (_, settings) = args.options.resolve_existing()?;
     let runtime = runtime()?;
     let objects = {
         let _entered = runtime.enter();

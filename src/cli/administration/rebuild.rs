@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::Args;
 use jiff::Timestamp;
 
-use super::store_place::{StorePlace, runtime};
+use super::store_options::{StoreOptions, runtime};
 use crate::cli::CliError;
 use crate::cli::output::{counted, print};
 use crate::cli::service::serve_error::ServeError;
@@ -18,7 +18,7 @@ use crate::store::{Store, StoreSettings};
 #[derive(Debug, Clone, Args)]
 pub(in crate::cli) struct RebuildArgs {
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
     /// Move the database aside first and rebuild it from scratch
     #[arg(long)]
     anew: bool,
@@ -28,7 +28,7 @@ pub(in crate::cli) struct RebuildArgs {
 }
 
 pub(in crate::cli) fn run(args: &RebuildArgs) -> Result<(), CliError> {
-    let (resolved, settings) = args.place.resolve_existing()?;
+    let (resolved, settings) = args.options.resolve_existing()?;
     let config = resolved.service;
     if args.anew {
         match &settings {

@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
 
-use super::store_place::{StorePlace, runtime};
+use super::store_options::{StoreOptions, runtime};
 use crate::asset::{from_json_name, json_name};
 use crate::cli::CliError;
 use crate::cli::output::print;
@@ -16,7 +16,7 @@ pub(in crate::cli) struct TokenArgs {
     #[command(subcommand)]
     action: Action,
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
 }
 
 #[derive(Debug, Clone, Subcommand)]
@@ -40,7 +40,7 @@ enum Action {
 }
 
 pub(in crate::cli) fn run(args: &TokenArgs) -> Result<(), CliError> {
-    let (_, settings) = args.place.resolve_existing()?;
+    let (_, settings) = args.options.resolve_existing()?;
     runtime()?.block_on(async {
         let tokens = match &settings {
             StoreSettings::Folder(folder) => Tokens::of(folder),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::store_place::{StorePlace, runtime};
+use super::store_options::{StoreOptions, runtime};
 use crate::cli::CliError;
 use crate::cli::output::{counted, print};
 use crate::store::Store;
@@ -16,14 +16,14 @@ const PATIENCE: Duration = Duration::from_secs(2);
 #[derive(Debug, Clone, Args)]
 pub(in crate::cli) struct VerifyArgs {
     #[command(flatten)]
-    place: StorePlace,
+    options: StoreOptions,
     /// Check only that raw recordings exist and have their size, not their hashes
     #[arg(long)]
     without_hashes: bool,
 }
 
 pub(in crate::cli) fn run(args: &VerifyArgs) -> Result<(), CliError> {
-    let (_, settings) = args.place.resolve()?;
+    let (_, settings) = args.options.resolve()?;
     let audit = runtime()?.block_on(async {
         let store = Store::open_to_read(&settings).await?;
         let audit = store.audit(!args.without_hashes, PATIENCE).await;

@@ -26,7 +26,7 @@ use crate::asset::{AssetId, Segment, json_name};
 use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
-use crate::service::{Readiness, RecalledRecord, ServiceError};
+use crate::service::{LoadedRecord, Readiness, ServiceError};
 use crate::signal::{Record, reduction};
 use crate::store::{AlarmFilter, ChannelSummary, SegmentFilter, SegmentKey, StoredAlarmChange};
 
@@ -183,8 +183,8 @@ async fn write_export(
 }
 
 /// Reads the record; `None` if its raw bytes are no longer available.
-async fn record_of(app: &App, segment: &Segment) -> Result<Option<RecalledRecord>, Problem> {
-    match app.service.records.recall(segment).await {
+async fn record_of(app: &App, segment: &Segment) -> Result<Option<LoadedRecord>, Problem> {
+    match app.service.records.load(segment).await {
         Err(error) if error.is_raw_unavailable() => Ok(None),
         record => Ok(Some(record?)),
     }

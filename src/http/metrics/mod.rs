@@ -97,7 +97,7 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
         ("queued", RecordOutcome::Queued),
     ];
     for (name, outcome) in outcomes {
-        text.line("flankwatch_records_total", &[("outcome", name)], service.tally.of(outcome));
+        text.line("flankwatch_records_total", &[("outcome", name)], service.record_counts.of(outcome));
     }
     let (used, capacity) = service.workers.queue();
     text.gauge("flankwatch_ingest_queue_used", "Uploads being processed or waiting.", used);

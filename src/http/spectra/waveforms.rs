@@ -94,7 +94,7 @@ pub(crate) async fn waveform(
         return Err(Problem::query("quantity", "given", &expected));
     }
     let _ticket = app.service.workers.admit_response()?;
-    let record = app.service.records.recall(&segment).await?;
+    let record = app.service.records.load(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
         let converted = params.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));

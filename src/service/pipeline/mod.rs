@@ -62,9 +62,9 @@ use super::record::{
     ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_repeat,
     check_time, decode_upload, identify_upload, known_to_all, raw_bytes,
 };
+use super::record_counts::{RecordCounts, RecordOutcome};
 use super::sensor_group::{SensorGroup, described};
 use super::simulations::Simulations;
-use super::tally::{RecordOutcome, Tally};
 use super::work_queue::{QueuedRecord, Role, WorkQueue};
 use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
@@ -107,7 +107,7 @@ pub struct Pipeline {
     pub(crate) committer: Arc<Committer>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) role: Role,
-    pub(crate) tally: Arc<Tally>,
+    pub(crate) record_counts: Arc<RecordCounts>,
     /// How far a record's time may be ahead of the clock.
     pub(crate) start_time_ahead: Duration,
 }
@@ -116,11 +116,11 @@ pub struct Pipeline {
 /// queued.
 pub(crate) struct Batch {
     known: Vec<Segment>,
-    rest: Rest,
+    next: NextStep,
 }
 
 /// The remaining step for records that were not stored before.
-enum Rest {
+enum NextStep {
     Nothing,
     Commit(Box<AnalysedBatch>),
     Enqueue(Arc<dyn WorkQueue>, Vec<QueuedRecord>),
@@ -162,7 +162,7 @@ impl Pipeline {
             let _ticket = ticket;
             let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
             if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
-                pipeline.tally.count(RecordOutcome::Refused, 1);
+                pipeline.record_counts.count(RecordOutcome::Refused, 1);
             }
             accepted
         };
@@ -235,13 +235,13 @@ impl Pipeline {
             return Ok(None);
         }
         let known = known_to_all(&self.store, std::slice::from_ref(metadata), &group.members).await?;
-        let rest = if known.is_empty() {
+        let next = if known.is_empty() {
             let record = self.identify_queued(metadata.clone()).await?;
             self.analyse(group.asset.spec, vec![record], NewRawBytes::default(), metadata.received_at).await?
         } else {
-            Rest::Nothing
+            NextStep::Nothing
         };
-        Ok(self.finish(Batch { known, rest }).await?.pop())
+        Ok(self.finish(Batch { known, next }).await?.pop())
     }
 
     /// Runs all steps up to the commit on the records that are not among the `stored` ones; may run
@@ -267,18 +267,18 @@ impl Pipeline {
         records.retain(|record| !stored.contains_key(&record.id));
         let names: HashSet<&str> = records.iter().map(|record| record.raw.sha256.as_str()).collect();
         raws.retain(|(name, _)| names.contains(name.as_str()));
-        let rest = if records.is_empty() {
-            Rest::Nothing
+        let next = if records.is_empty() {
+            NextStep::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
             let queued = self.queued(&group, &records, received_at).await?;
             self.raw.put(raws, queued.iter().map(|queued| queued.metadata.clone()).collect()).await?;
-            Rest::Enqueue(Arc::clone(queue), queued)
+            NextStep::Enqueue(Arc::clone(queue), queued)
         } else {
             let metadata = records.iter().map(|record| record.metadata(&group.asset.spec.id, received_at));
             let new = NewRawBytes { objects: raws, metadata: metadata.collect() };
             self.analyse(group.asset.spec, records, new, received_at).await?
         };
-        Ok(Batch { known, rest })
+        Ok(Batch { known, next })
     }
 
     /// Analyses records while their raw bytes are stored.
@@ -288,7 +288,7 @@ impl Pipeline {
         records: Vec<IdentifiedRecord>,
         new: NewRawBytes,
         received_at: Timestamp,
-    ) -> Result<Rest, ServiceError> {
+    ) -> Result<NextStep, ServiceError> {
         let raw = self.raw.uncommitted(new.objects.iter().map(|(name, _)| name.clone()).collect()).await;
         let objects = Arc::clone(&self.raw);
         let put = tokio::spawn(async move {
@@ -297,7 +297,7 @@ impl Pipeline {
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
         put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
-        Ok(Rest::Commit(Box::new(AnalysedBatch { spec, records, segments: segments?, received_at, raw })))
+        Ok(NextStep::Commit(Box::new(AnalysedBatch { spec, records, segments: segments?, received_at, raw })))
     }
 
     /// Runs the last steps: the commit with its fold and events, or the queue. Returns the outcomes in
@@ -305,10 +305,10 @@ impl Pipeline {
     async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
         let mut accepted: Vec<Accepted> =
             batch.known.into_iter().map(|segment| Accepted::Repeated(Box::new(segment))).collect();
-        match batch.rest {
-            Rest::Nothing => {}
-            Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
-            Rest::Enqueue(queue, records) => {
+        match batch.next {
+            NextStep::Nothing => {}
+            NextStep::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
+            NextStep::Enqueue(queue, records) => {
                 queue.enqueue(&records).await?;
                 accepted
                     .extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record.metadata))));
@@ -320,7 +320,7 @@ impl Pipeline {
                 Accepted::Repeated(_) => RecordOutcome::Repeated,
                 Accepted::Queued(_) => RecordOutcome::Queued,
             };
-            self.tally.count(outcome, 1);
+            self.record_counts.count(outcome, 1);
         }
         Ok(accepted)
     }

@@ -16,8 +16,8 @@ use crate::service::error::ServiceError;
 use crate::service::record::{
     ChannelNames, ChannelUnits, check_time, defaults_of, identify_recorded, known_to_all,
 };
+use crate::service::record_counts::RecordOutcome;
 use crate::service::sensor_group::SensorGroup;
-use crate::service::tally::RecordOutcome;
 
 /// A batch of a recording whose raw bytes are durable.
 pub(crate) struct RecordedBatch {
@@ -69,7 +69,7 @@ impl Pipeline {
                     // Only an error: not a recording at all, unless records follow.
                     batch = records.next_batch().await;
                     if batch.records.is_empty() {
-                        self.tally.count(RecordOutcome::Refused, 1);
+                        self.record_counts.count(RecordOutcome::Refused, 1);
                         return Err(error.into());
                     }
                     first.records = 1;
@@ -168,7 +168,7 @@ impl Pipeline {
                 }
             }
         }
-        self.tally.count(RecordOutcome::Refused, of_batch.refused_count);
+        self.record_counts.count(RecordOutcome::Refused, of_batch.refused_count);
         summary.join(of_batch);
         Ok(())
     }

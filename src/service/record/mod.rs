@@ -16,5 +16,5 @@ pub(crate) use decode::{decode_upload, defaults_of};
 pub(crate) use identify::{
     IdentifiedRecord, check_repeat, check_time, identify_recorded, identify_upload, known_to_all,
 };
-pub use stored::{BandChoice, RecalledRecord, SegmentEnvelope, StoredRecords};
+pub use stored::{BandChoice, LoadedRecord, SegmentEnvelope, StoredRecords};
 pub(crate) use stored::{StoredRecord, raw_bytes};

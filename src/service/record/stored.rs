@@ -86,12 +86,12 @@ pub(crate) async fn raw_bytes(store: &Store, name: &str) -> Result<Bytes, Servic
 }
 
 /// A stored record in memory, with its share of the memory for them.
-pub struct RecalledRecord {
+pub struct LoadedRecord {
     record: Record,
     _memory: OwnedSemaphorePermit,
 }
 
-impl Deref for RecalledRecord {
+impl Deref for LoadedRecord {
     type Target = Record;
 
     fn deref(&self) -> &Record {
@@ -141,14 +141,14 @@ impl StoredRecords {
     ///
     /// # Errors
     /// [`ServiceError::RawDeleted`].
-    pub async fn recall(&self, segment: &Segment) -> Result<RecalledRecord, ServiceError> {
+    pub async fn load(&self, segment: &Segment) -> Result<LoadedRecord, ServiceError> {
         let memory = self.workers.memory_for_stored(memory_of(segment)).await?;
         let (store, name) = (self.store.clone(), segment.raw.sha256.clone());
         // The memory stays reserved while it is in use, even if the caller is gone.
         let read = move || store.objects().get(&name).map(|bytes| (bytes, memory));
         let (bytes, memory) = self.unless_deleted(segment, blocking("read a record", read).await?).await?;
         let stored = StoredRecord::from(segment);
-        let decode = move || Ok(RecalledRecord { record: stored.decode(&bytes)?, _memory: memory });
+        let decode = move || Ok(LoadedRecord { record: stored.decode(&bytes)?, _memory: memory });
         self.workers.run("read a record", decode).await?
     }
 
@@ -178,7 +178,7 @@ impl StoredRecords {
         analyse: impl FnOnce(&mut Analyzer, &Record, &MeshContext) -> T + Send + 'static,
     ) -> Result<T, ServiceError> {
         let spec = described(&self.store, &segment.asset_id).await?.spec;
-        let record = self.recall(segment).await?;
+        let record = self.load(segment).await?;
         let samples = record.samples().len();
         let analyse = move || {
             with_analyzer(samples, |analyzer| {
@@ -205,7 +205,7 @@ impl StoredRecords {
         choice: BandChoice,
     ) -> Result<SegmentEnvelope, ServiceError> {
         let spec = described(&self.store, &segment.asset_id).await?.spec;
-        let record = self.recall(segment).await?;
+        let record = self.load(segment).await?;
         let speed = segment.shaft_speed;
         let samples = record.samples().len();
         let analyse = move || {

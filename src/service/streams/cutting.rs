@@ -191,7 +191,7 @@ mod tests {
     use super::*;
     use crate::recording::RawSample;
     use crate::recording::stream::Chunk;
-    use crate::service::streams::place::StreamPlace;
+    use crate::service::streams::location::StreamLocation;
     use crate::service::streams::stored::StoredStream;
 
     /// Records of 2 s of a machine that is steady for 5 s, one every 100 s of an operating bin, at 10 Hz.
@@ -236,8 +236,8 @@ mod tests {
     ) -> Vec<(u64, u64, f64)> {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::I16, 10.0, 1, None).unwrap();
-        let place = StreamPlace::in_folder(folder.path());
-        let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let location = StreamLocation::in_folder(folder.path());
+        let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         let mut edges: Vec<u64> = (0..=3000 / piece).map(|n| n * piece).collect();
         edges.extend(points.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
         edges.sort_unstable();
@@ -245,7 +245,7 @@ mod tests {
         for pair in edges.windows(2) {
             if restarts {
                 drop(stream);
-                stream = StoredStream::open(&place).unwrap().unwrap();
+                stream = StoredStream::open(&location).unwrap().unwrap();
                 stream.plan_records(&steady()).unwrap();
             }
             if gaps.contains(&pair[0]) {
@@ -299,8 +299,8 @@ mod tests {
             toml::from_str(&format!("id = \"a\"\nshaft = {{ speed_hz = 10.0 }}\n{text}")).unwrap()
         };
         let cutting = Cutting::of(&spec("stream = { steady = {} }"), &format).unwrap();
-        let place = StreamPlace::in_folder(folder.path());
-        let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let location = StreamLocation::in_folder(folder.path());
+        let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         for second in 0..200 {
             stream.set_operating_point(point(10.0 + second as f64, 1.0), &cutting).unwrap();
             let bytes = vec![0; 80_000].into();

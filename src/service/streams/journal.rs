@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 
-use super::shared_journal::{News, SharedJournal};
+use super::shared_journal::{RemoteChanges, SharedJournal};
 use super::state::{Draft, StreamState};
 use crate::service::error::ServiceError;
 use crate::store::{StreamJournal, StreamLevels, TimedLevel};
@@ -37,9 +37,9 @@ impl Journal {
     }
 
     /// Brings a state up to date with what other processes appended.
-    pub(super) fn refresh(&mut self, state: &mut StreamState) -> Result<News, ServiceError> {
+    pub(super) fn refresh(&mut self, state: &mut StreamState) -> Result<RemoteChanges, ServiceError> {
         match self {
-            Self::Folder(..) => Ok(News::Frames(Vec::new())),
+            Self::Folder(..) => Ok(RemoteChanges::Frames(Vec::new())),
             Self::Shared(rows) => Ok(rows.refresh(state)?),
         }
     }

@@ -5,10 +5,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
-use super::beginning::Beginning;
-use super::feed::LiveFeed;
 use super::frame::{LatestSamples, frames_of};
-use super::place::{StreamPlace, random, too_many};
+use super::live_view::LiveViewSender;
+use super::location::{StreamLocation, random, too_many};
+use super::new_stream::NewStream;
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
@@ -21,7 +21,7 @@ use crate::service::error::ServiceError;
 pub(crate) struct LiveStream {
     pub(crate) asset: AssetId,
     pub(crate) name: String,
-    pub(super) place: StreamPlace,
+    pub(super) location: StreamLocation,
     /// `None` until it is read, and after a failed write: it is then read again.
     stored: Mutex<Option<StoredStream>>,
     /// The chunks that wait for earlier ones while the stream is to be read again.
@@ -32,7 +32,7 @@ pub(crate) struct LiveStream {
     pending: watch::Sender<usize>,
     /// Index after the last sample; `None` if the stream is not read yet or has no sample.
     next: watch::Sender<Option<u64>>,
-    pub(super) feed: LiveFeed,
+    pub(super) live_view: LiveViewSender,
     is_cutting: AtomicBool,
     /// Whether writing has stopped, because another process may take over.
     is_closed: AtomicBool,
@@ -41,17 +41,17 @@ pub(crate) struct LiveStream {
 }
 
 impl LiveStream {
-    pub(super) fn new(asset: AssetId, name: String, place: StreamPlace) -> Self {
+    pub(super) fn new(asset: AssetId, name: String, location: StreamLocation) -> Self {
         Self {
             asset,
             name,
-            place,
+            location,
             stored: Mutex::default(),
             waiting: Mutex::default(),
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
             next: watch::Sender::new(None),
-            feed: LiveFeed::default(),
+            live_view: LiveViewSender::default(),
             is_cutting: AtomicBool::default(),
             is_closed: AtomicBool::default(),
             is_removed: AtomicBool::default(),
@@ -61,7 +61,7 @@ impl LiveStream {
     /// Makes another connection the sender; returns its number.
     pub(super) fn take_over(&self) -> u64 {
         // Other processes number theirs too.
-        let is_shared = self.place.is_shared();
+        let is_shared = self.location.is_shared();
         self.owner.send_modify(|owner| *owner = if is_shared { random() as u64 } else { *owner + 1 });
         *self.owner.borrow()
     }
@@ -164,7 +164,7 @@ impl LiveStream {
             *stored = None;
         }
         if stored.is_none() {
-            *stored = StoredStream::open(&self.place)?;
+            *stored = StoredStream::open(&self.location)?;
             if let Some(stored) = stored
                 && let Some(assembler) = self.waiting().take()
             {
@@ -187,11 +187,11 @@ impl LiveStream {
     }
 
     /// Runs `work` for a sender, who knows the stream unless another one has replaced it. The stream is created
-    /// first if it is at its `beginning`.
+    /// first from `new_stream` if there is none yet.
     pub(super) fn with_sent<T>(
         &self,
         owner: u64,
-        beginning: Option<Beginning>,
+        new_stream: Option<NewStream>,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError>,
     ) -> Result<T, ServiceError> {
         self.with_known(|stored| {
@@ -199,8 +199,8 @@ impl LiveStream {
             if *self.owner.borrow() != owner {
                 return Err(ServiceError::StreamTaken);
             }
-            if let Some(beginning) = beginning.filter(|_| stored.is_none()) {
-                *stored = Some(self.create(beginning, owner)?);
+            if let Some(new_stream) = new_stream.filter(|_| stored.is_none()) {
+                *stored = Some(self.create(new_stream, owner)?);
             }
             let stored = stored.as_mut().ok_or_else(|| self.unknown())?;
             if stored.state().sender.is_some_and(|sender| sender != owner) {
@@ -214,14 +214,14 @@ impl LiveStream {
     ///
     /// # Errors
     /// Another process has created it in the meantime, or the asset has too many streams.
-    fn create(&self, beginning: Beginning, owner: u64) -> Result<StoredStream, ServiceError> {
+    fn create(&self, new_stream: NewStream, owner: u64) -> Result<StoredStream, ServiceError> {
         // Others may have begun since this one was opened.
-        if !self.place.has_room() {
+        if !self.location.has_room() {
             return Err(too_many(&self.name));
         }
-        let Beginning { asset_created_at, format, first } = beginning;
-        let mut stored = StoredStream::create(&self.place, asset_created_at, format, first)?;
-        if self.place.is_shared() {
+        let NewStream { asset_created_at, format, first } = new_stream;
+        let mut stored = StoredStream::create(&self.location, asset_created_at, format, first)?;
+        if self.location.is_shared() {
             if stored.state().sender.is_some() {
                 return Err(ServiceError::StreamTaken);
             }
@@ -254,12 +254,12 @@ impl LiveStream {
     /// on.
     pub(super) fn remove(&self, keeps_folder: bool) -> Result<(), ServiceError> {
         self.take_over();
-        self.feed.end();
+        self.live_view.end();
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         (*stored, *self.waiting()) = (None, None);
         self.pending.send_replace(0);
         if !keeps_folder && !self.is_removed() {
-            self.place.remove()?;
+            self.location.remove()?;
         }
         self.is_removed.store(true, Ordering::SeqCst);
         Ok(())
@@ -349,10 +349,10 @@ mod tests {
     #[test]
     fn early_chunks_survive_a_failure_of_another_task() {
         let folder = tempfile::tempdir().unwrap();
-        let place = StreamPlace::in_folder(folder.path());
+        let location = StreamLocation::in_folder(folder.path());
         let format = StreamFormat::new(RawSample::I16, 100.0, 1, None).unwrap();
-        StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
-        let stream = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), place);
+        StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let stream = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), location);
         let policy = CutPolicy::new(2.0, 10.0, 100.0).unwrap().into();
         let take = |first| {
             let taken = stream.with_sent(0, None, |stored| stored.take(vec![chunk(first)], &policy)).unwrap();
@@ -370,17 +370,17 @@ mod tests {
     #[test]
     fn a_removed_stream_leaves_the_folder_to_a_later_one() {
         let folder = tempfile::tempdir().unwrap();
-        let place = StreamPlace::in_folder(&folder.path().join("main"));
+        let location = StreamLocation::in_folder(&folder.path().join("main"));
         let format = StreamFormat::new(RawSample::I16, 100.0, 1, None).unwrap();
-        let create = || StoredStream::create(&place, Timestamp::UNIX_EPOCH, format.clone(), Some(0));
-        let old = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), place.clone());
+        let create = || StoredStream::create(&location, Timestamp::UNIX_EPOCH, format.clone(), Some(0));
+        let old = LiveStream::new(AssetId::new("pump").unwrap(), "main".to_owned(), location.clone());
         drop(create().unwrap());
         old.remove(false).unwrap();
-        assert!(StoredStream::open(&place).unwrap().is_none());
+        assert!(StoredStream::open(&location).unwrap().is_none());
         drop(create().unwrap());
         // What still holds the old one neither removes nor reads the new one.
         old.remove(false).unwrap();
         assert!(matches!(old.with_stored(|_| Ok(())), Err(ServiceError::StreamUnknown { .. })));
-        assert!(StoredStream::open(&place).unwrap().is_some());
+        assert!(StoredStream::open(&location).unwrap().is_some());
     }
 }

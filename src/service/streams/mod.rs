@@ -5,16 +5,16 @@
 //! process of a shared store does: a record that was cut is the same record then, with the same identifier,
 //! and is stored once.
 
-mod beginning;
 mod campaigns;
 mod capture;
 mod cutting;
-mod feed;
 mod frame;
 mod journal;
 mod live;
+mod live_view;
+mod location;
+mod new_stream;
 mod on_alarm;
-mod place;
 mod recent;
 mod sender;
 mod shared_journal;
@@ -44,13 +44,13 @@ use super::workers::{Workers, blocking};
 use crate::asset::AssetId;
 use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
-use beginning::Beginning;
 pub use campaigns::CampaignStatus;
 use cutting::{Cutting, check_bytes};
-pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::LiveStream;
-use place::{SharedRows, StreamPlaces, check_name, random, streams_in, too_many};
+pub use live_view::{LiveUpdate, StreamViewer};
+use location::{SharedRows, StreamStorage, check_name, random, streams_in, too_many};
+use new_stream::NewStream;
 pub use sender::StreamSender;
 pub use status::StreamStatus;
 use stored::StoredStream;
@@ -69,7 +69,7 @@ pub struct Streams {
     workers: Arc<Workers>,
     pipeline: Arc<Pipeline>,
     clock: Arc<dyn Clock>,
-    places: StreamPlaces,
+    storage: StreamStorage,
     /// Alarms.
     events: EventSender,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
@@ -88,15 +88,15 @@ impl Streams {
         events: EventSender,
         folder: PathBuf,
     ) -> Arc<Self> {
-        let places = if store.is_shared() {
-            StreamPlaces::Shared(Arc::new(SharedRows::new(store.clone(), Arc::clone(&clock))))
+        let storage = if store.is_shared() {
+            StreamStorage::Shared(Arc::new(SharedRows::new(store.clone(), Arc::clone(&clock))))
         } else {
-            StreamPlaces::Folder { disk: store.disk(), folder }
+            StreamStorage::Folder { disk: store.disk(), folder }
         };
         let is_over = watch::Sender::new(false);
         let records_at_once = Semaphore::new(workers.threads() + 1);
         let all = Mutex::default();
-        Arc::new(Self { store, workers, pipeline, clock, places, events, all, records_at_once, is_over })
+        Arc::new(Self { store, workers, pipeline, clock, storage, events, all, records_at_once, is_over })
     }
 
     /// Opens a stream for sending, a new one or an existing one. A new one is created with its first sample. A
@@ -123,7 +123,7 @@ impl Streams {
         let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
         let is_held = self.store.removal_hold().is_some();
-        let (next, owner, beginning, is_timed, newest_ns) = blocking("open a stream", move || {
+        let (next, owner, new_stream, is_timed, newest_ns) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     if is_held {
@@ -131,18 +131,19 @@ impl Streams {
                     }
                     // The stream of a deleted asset of the same name.
                     *stored = None;
-                    opened.place.remove()?;
+                    opened.location.remove()?;
                 }
                 let Some(stored) = stored else {
-                    let beginning = Beginning { asset_created_at: created_at, format: wanted.clone(), first };
-                    return Ok((first, opened.take_over(), Some(beginning), false, None));
+                    let new_stream =
+                        NewStream { asset_created_at: created_at, format: wanted.clone(), first };
+                    return Ok((first, opened.take_over(), Some(new_stream), false, None));
                 };
                 if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
                     let (asset, name) = (opened.asset.clone(), opened.name.clone());
                     let (value, expected) = (value.into(), expected.into());
                     return Err(ServiceError::StreamFormat { asset, name, field, value, expected });
                 }
-                let owner = if opened.place.is_shared() {
+                let owner = if opened.location.is_shared() {
                     let owner = random() as u64;
                     stored.begin_sending(owner)?;
                     owner
@@ -165,7 +166,7 @@ impl Streams {
             cutting,
             format,
             next,
-            beginning,
+            new_stream,
             is_timed,
             newest_ns,
             pending,
@@ -244,7 +245,7 @@ impl Streams {
     pub async fn remove_stream(&self, asset: &AssetId, name: &str) -> Result<(), ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name).await?;
-        if self.places.shared().is_some() {
+        if self.storage.shared().is_some() {
             self.store.remove_stream(asset, name).await?;
         }
         self.remove_from_memory(vec![stream], false).await
@@ -299,7 +300,7 @@ impl Streams {
             all.values().cloned().collect()
         };
         let close = blocking("close streams", move || all.iter().for_each(|stream| stream.close()));
-        if self.places.shared().is_some() {
+        if self.storage.shared().is_some() {
             // A statement of an unreachable database is not awaited: what it appends is whole in any case.
             let close = async {
                 let _ = close.await;
@@ -322,7 +323,7 @@ impl Streams {
     /// leave from now on.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
         self.watch_alarms_in_background();
-        let StreamPlaces::Folder { folder, .. } = &self.places else {
+        let StreamStorage::Folder { folder, .. } = &self.storage else {
             self.take_over_in_background();
             return Ok(());
         };
@@ -363,7 +364,7 @@ impl Streams {
 
     /// The streams of an asset.
     async fn of_asset(&self, asset: &AssetId) -> Result<Vec<Arc<LiveStream>>, ServiceError> {
-        if self.places.shared().is_some() {
+        if self.storage.shared().is_some() {
             let names = self.store.stream_names(asset).await?;
             return names.iter().map(|name| self.in_memory(asset, name)).collect();
         }
@@ -389,7 +390,7 @@ impl Streams {
         if let Some(stream) = known {
             return Ok(stream);
         }
-        if self.places.shared().is_some() && self.store.has_stream(asset, name).await? {
+        if self.storage.shared().is_some() && self.store.has_stream(asset, name).await? {
             return self.in_memory(asset, name);
         }
         Err(ServiceError::StreamUnknown { asset: asset.clone(), name: name.to_owned() })
@@ -402,13 +403,15 @@ impl Streams {
         if let Some(stream) = all.get(&key).filter(|stream| !stream.is_removed()) {
             return Ok(Arc::clone(stream));
         }
-        let place = self.places.of(asset, name);
-        if !place.has_room() {
+        let location = self.storage.of(asset, name);
+        if !location.has_room() {
             return Err(too_many(name));
         }
         // Those that were opened and never sent, or that are removed.
-        all.retain(|(of, _), stream| of != asset || Arc::strong_count(stream) > 1 || stream.place.exists());
-        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), place));
+        all.retain(|(of, _), stream| {
+            of != asset || Arc::strong_count(stream) > 1 || stream.location.exists()
+        });
+        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), location));
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
     }

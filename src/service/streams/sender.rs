@@ -5,9 +5,9 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use tokio::sync::watch;
 
-use super::beginning::Beginning;
 use super::cutting::Cutting;
 use super::live::LiveStream;
+use super::new_stream::NewStream;
 use super::stored::{StoredStream, StreamProgress};
 use super::tachometer::Pulses;
 use super::{MAX_PENDING, Streams};
@@ -30,7 +30,7 @@ pub struct StreamSender {
     pub(super) format: StreamFormat,
     pub(super) next: Option<u64>,
     /// How the stream begins, until it is created with its first sample.
-    pub(super) beginning: Option<Beginning>,
+    pub(super) new_stream: Option<NewStream>,
     /// Whether the time of the stream's samples is known.
     pub(super) is_timed: bool,
     /// The latest time after a stored sample, by the sender's clock.
@@ -84,12 +84,12 @@ impl StreamSender {
     /// [`ServiceError::StreamTaken`]; an invalid chunk, in which case the chunks before it are stored; the
     /// first time of the stream is too far ahead of the clock.
     pub async fn take(&mut self, mut chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
-        if let Some(beginning) = &self.beginning {
+        if let Some(new_stream) = &self.new_stream {
             chunks.retain(|chunk| !chunk.bytes.is_empty());
             let Some(first) = chunks.first() else {
                 return Ok(StreamProgress { next: self.next, gaps: Vec::new() });
             };
-            beginning.assembler().push(first.clone())?;
+            new_stream.assembler().push(first.clone())?;
         }
         self.check_start(&chunks)?;
         let (mut owner, mut over) = (self.stream.watch_owner(), self.streams.watch_end());
@@ -109,8 +109,8 @@ impl StreamSender {
     /// # Errors
     /// Those of [`take`](Self::take).
     pub async fn declare_lost_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
-        if let Some(beginning) = &self.beginning {
-            beginning.assembler().declare_lost_before(index)?;
+        if let Some(new_stream) = &self.new_stream {
+            new_stream.assembler().declare_lost_before(index)?;
         }
         let cutting = Arc::clone(&self.cutting);
         self.write(move |stored| stored.declare_lost_before(index, &cutting)).await
@@ -152,7 +152,7 @@ impl StreamSender {
         if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {
             self.cutting = Arc::new(cutting);
         }
-        if self.stream.place.is_shared() && self.beginning.is_none() {
+        if self.stream.location.is_shared() && self.new_stream.is_none() {
             let stream = Arc::clone(&self.stream);
             match blocking("access a stream", move || stream.with_stored(|_| Ok(()))).await? {
                 // Another process has removed it.
@@ -179,15 +179,15 @@ impl StreamSender {
         &mut self,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let (stream, owner, beginning) = (Arc::clone(&self.stream), self.owner, self.beginning.clone());
+        let (stream, owner, new_stream) = (Arc::clone(&self.stream), self.owner, self.new_stream.clone());
         let write = move || {
-            stream.with_sent(owner, beginning, |stored| {
+            stream.with_sent(owner, new_stream, |stored| {
                 let done = work(stored)?;
                 Ok((done, stored.state().next, stored.is_timed(), stored.state().newest_ns))
             })
         };
         let (done, next, is_timed, newest_ns) = blocking("write a stream", write).await??;
-        (self.next, self.is_timed, self.newest_ns, self.beginning) = (next, is_timed, newest_ns, None);
+        (self.next, self.is_timed, self.newest_ns, self.new_stream) = (next, is_timed, newest_ns, None);
         self.streams.cut_in_background(&self.stream);
         Ok(done)
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
-use super::place::SharedRows;
+use super::location::SharedRows;
 use super::state::{Draft, StreamState};
 use crate::asset::AssetId;
 use crate::store::{JournalEntry, StoreError, StreamAppend, StreamCheckpoint, StreamKey, TimedLevel};
@@ -19,7 +19,7 @@ const CHECKPOINT_BYTES: usize = 4 << 20;
 
 /// What other processes appended.
 #[derive(Debug)]
-pub(super) enum News {
+pub(super) enum RemoteChanges {
     /// Entries with these frames.
     Frames(Vec<(u64, Bytes)>),
     /// So much that the state was read anew.
@@ -94,26 +94,26 @@ impl SharedJournal {
     }
 
     /// Brings a state up to date.
-    pub(super) fn refresh(&mut self, state: &mut StreamState) -> Result<News, StoreError> {
+    pub(super) fn refresh(&mut self, state: &mut StreamState) -> Result<RemoteChanges, StoreError> {
         let version = self.rows.runtime.block_on(self.rows.store.stream_version(self.stream))?;
-        let Some(version) = version else { return Ok(News::Removed) };
+        let Some(version) = version else { return Ok(RemoteChanges::Removed) };
         if version.checkpoint > self.checkpoint && version.checkpoint <= self.last {
             self.set_checkpoint(version.checkpoint);
         }
         if version.last <= self.last {
-            return Ok(News::Frames(Vec::new()));
+            return Ok(RemoteChanges::Frames(Vec::new()));
         }
         if version.checkpoint <= self.last
             && let Some(frames) = self.read_new(state)?
         {
-            return Ok(News::Frames(frames));
+            return Ok(RemoteChanges::Frames(frames));
         }
         match Self::open(Arc::clone(&self.rows), &self.asset, &self.name)? {
             Some((journal, read)) if journal.stream == self.stream => {
                 (*self, *state) = (journal, read);
-                Ok(News::Restarted)
+                Ok(RemoteChanges::Restarted)
             }
-            _ => Ok(News::Removed),
+            _ => Ok(RemoteChanges::Removed),
         }
     }
 

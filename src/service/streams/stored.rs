@@ -13,9 +13,9 @@ use jiff::Timestamp;
 
 use super::cutting::Cutting;
 use super::journal::Journal;
-use super::place::StreamPlace;
+use super::location::StreamLocation;
 use super::recent::Recent;
-use super::shared_journal::{News, SharedJournal};
+use super::shared_journal::{RemoteChanges, SharedJournal};
 use super::state::{Draft, JournalEvent, PendingCut, StreamState};
 use super::tachometer::Pulses;
 use crate::recording::RecordingError;
@@ -74,30 +74,30 @@ impl StoredStream {
     /// # Errors
     /// Its asset is deleted, or has too many streams.
     pub(crate) fn create(
-        place: &StreamPlace,
+        location: &StreamLocation,
         asset_created_at: Timestamp,
         format: StreamFormat,
         next: Option<u64>,
     ) -> Result<Self, ServiceError> {
         let state = StreamState::new(asset_created_at, format, next);
-        match place {
-            StreamPlace::Folder { disk, folder } => {
+        match location {
+            StreamLocation::Folder { disk, folder } => {
                 let levels = StreamLevels::open(folder, state.format.channels())?;
                 Self::in_folder(disk, folder, levels, state)
             }
-            StreamPlace::Shared { rows, asset, name } => {
+            StreamLocation::Shared { rows, asset, name } => {
                 rows.create(asset, name, &state)?;
                 let unknown = || ServiceError::StreamUnknown { asset: asset.clone(), name: name.clone() };
-                Self::open(place)?.ok_or_else(unknown)
+                Self::open(location)?.ok_or_else(unknown)
             }
         }
     }
 
-    /// Opens the stream of a place, also after a crash; returns `None` if there is none.
-    pub(crate) fn open(place: &StreamPlace) -> Result<Option<Self>, ServiceError> {
-        let (disk, folder) = match place {
-            StreamPlace::Folder { disk, folder } => (disk, folder),
-            StreamPlace::Shared { rows, asset, name } => {
+    /// Opens the stream of a location, also after a crash; returns `None` if there is none.
+    pub(crate) fn open(location: &StreamLocation) -> Result<Option<Self>, ServiceError> {
+        let (disk, folder) = match location {
+            StreamLocation::Folder { disk, folder } => (disk, folder),
+            StreamLocation::Shared { rows, asset, name } => {
                 let found = SharedJournal::open(Arc::clone(rows), asset, name)?;
                 return Ok(found.map(|(journal, state)| Self::of(Journal::Shared(journal), state)));
             }
@@ -159,9 +159,9 @@ impl StoredStream {
     /// Brings the state up to date with what other processes appended; returns false if the stream is removed.
     pub(crate) fn refresh(&mut self) -> Result<bool, ServiceError> {
         match self.journal.refresh(&mut self.state)? {
-            News::Removed => return Ok(false),
-            News::Restarted => self.recent = None,
-            News::Frames(frames) => {
+            RemoteChanges::Removed => return Ok(false),
+            RemoteChanges::Restarted => self.recent = None,
+            RemoteChanges::Frames(frames) => {
                 if let Some(recent) = &mut self.recent {
                     frames.iter().for_each(|(first, bytes)| recent.push(*first, bytes));
                 }

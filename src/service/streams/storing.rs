@@ -85,7 +85,7 @@ impl Streams {
         }
         let reader = Arc::clone(stream);
         let read = move || reader.next_cut();
-        let next = match self.places.shared() {
+        let next = match self.storage.shared() {
             // Not one by one: a database is slower than a disk.
             Some(_) => blocking("read a stream", read).await,
             None => self.workers.run_reading("read a stream", read).await,

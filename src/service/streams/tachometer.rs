@@ -98,10 +98,10 @@ impl StreamTachometer {
             self.pulses.clear();
         }
         for pulse in more.pulses {
-            let place = self.pulses.partition_point(|known| *known < pulse);
-            let mut neighbours = self.pulses.range(place.saturating_sub(1)..self.pulses.len().min(place + 1));
+            let index = self.pulses.partition_point(|known| *known < pulse);
+            let mut neighbours = self.pulses.range(index.saturating_sub(1)..self.pulses.len().min(index + 1));
             if !neighbours.any(|known| known.is_same(pulse)) {
-                self.pulses.insert(place, pulse);
+                self.pulses.insert(index, pulse);
             }
         }
         let too_many = self.pulses.len().saturating_sub(MAX_PULSES);

@@ -59,7 +59,7 @@ impl Streams {
 
     /// Releases the records that this process was storing, so that another one stores them at once.
     pub(super) async fn release_cutting(&self) {
-        let Some(rows) = self.places.shared() else { return };
+        let Some(rows) = self.storage.shared() else { return };
         if let Err(error) = self.store.end_cutting(rows.process, None).await {
             tracing::warn!(%error, "failed to release the live streams; another process takes them over later");
         }

@@ -34,12 +34,12 @@ fn chunk(first: u64, end: u64) -> Chunk {
 
 /// Takes chunks one after the other. Before those in `restarts` the stream is opened again, and everything
 /// that is not stored is repeated.
-fn take_all(place: &StreamPlace, chunks: &[Chunk], restarts: &[bool]) -> StoredStream {
-    let mut stream = StoredStream::create(place, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
+fn take_all(location: &StreamLocation, chunks: &[Chunk], restarts: &[bool]) -> StoredStream {
+    let mut stream = StoredStream::create(location, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
     for (n, chunk) in chunks.iter().enumerate() {
         if restarts[n % restarts.len()] {
             drop(stream);
-            stream = StoredStream::open(place).unwrap().unwrap();
+            stream = StoredStream::open(location).unwrap().unwrap();
             stream.plan_records(&policy()).unwrap();
             stream.take(chunks[..n].to_vec(), &policy()).unwrap();
         }
@@ -65,7 +65,7 @@ fn records(stream: &StoredStream) -> Vec<(u64, Tachometer, Bytes)> {
 fn taken_at_once() -> Vec<(u64, Tachometer, Bytes)> {
     let folder = tempfile::tempdir().unwrap();
     let chunks = [chunk(0, GAP.start), chunk(GAP.end, END)];
-    records(&take_all(&StreamPlace::in_folder(folder.path()), &chunks, &[false]))
+    records(&take_all(&StreamLocation::in_folder(folder.path()), &chunks, &[false]))
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn records_have_the_pulses_of_the_tachometers_channel() {
 #[test]
 fn pulses_are_refused_where_a_channel_is_the_tachometer() {
     let folder = tempfile::tempdir().unwrap();
-    let place = StreamPlace::in_folder(folder.path());
-    let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
+    let location = StreamLocation::in_folder(folder.path());
+    let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
     let error = stream.take_pulses(Pulses::new(0, &[1.0], 1).unwrap()).unwrap_err();
     assert!(error.to_string().contains("a channel of the stream is its tachometer"), "{error}");
 }
@@ -107,8 +107,8 @@ fn the_second_before_a_long_record_is_kept() {
     let format = format.with_tachometer("2", 500.0, None, 1).unwrap();
     // Longer than what is kept in any case.
     let policy = Cutting::from(CutPolicy::new(100.0, 100.0, 10_000.0).unwrap());
-    let place = StreamPlace::in_folder(folder.path());
-    let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+    let location = StreamLocation::in_folder(folder.path());
+    let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
     for second in 0..300 {
         let bytes = vec![second as u8; 40_000].into();
         stream.take(vec![Chunk { first: second * 10_000, time_ns: None, bytes }], &policy).unwrap();
@@ -158,7 +158,7 @@ proptest! {
             }
         }
         let folder = tempfile::tempdir().unwrap();
-        let stream = take_all(&StreamPlace::in_folder(folder.path()), &sent, &restarts);
+        let stream = take_all(&StreamLocation::in_folder(folder.path()), &sent, &restarts);
         prop_assert_eq!(stream.state.gap_samples, GAP.end - GAP.start);
         prop_assert!(records(&stream) == *AT_ONCE);
     }

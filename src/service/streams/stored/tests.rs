@@ -18,8 +18,8 @@ fn chunk(first: u64, frames: u64) -> Chunk {
 }
 
 fn stream(folder: &Path) -> StoredStream {
-    let place = StreamPlace::in_folder(folder);
-    StoredStream::create(&place, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap()
+    let location = StreamLocation::in_folder(folder);
+    StoredStream::create(&location, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap()
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn a_killed_stream_resumes_with_the_same_records() {
             bytes.extend_from_slice(&[120, 0, 0, 0, 1, 2, 3, 4, 2, 9]);
             std::fs::write(&newest, bytes).unwrap();
         }
-        killed = StoredStream::open(&StreamPlace::in_folder(folder.path())).unwrap().unwrap();
+        killed = StoredStream::open(&StreamLocation::in_folder(folder.path())).unwrap().unwrap();
         // Chunks that waited for earlier ones are sent again.
         let next = killed.state.next.unwrap_or(0);
         let again: Vec<Chunk> = chunks[..=n].iter().filter(|chunk| chunk.first >= next).cloned().collect();
@@ -66,15 +66,15 @@ fn a_killed_stream_resumes_with_the_same_records() {
 #[test]
 fn a_chunk_larger_than_an_entry_of_the_journal_is_read_back() {
     let folder = tempfile::tempdir().unwrap();
-    let place = StreamPlace::in_folder(folder.path());
+    let location = StreamLocation::in_folder(folder.path());
     let format = StreamFormat::new(RawSample::I16, 1e6, 3, None).unwrap();
     let policy = Cutting::from(CutPolicy::new(1.0, 1.0, 1e6).unwrap());
-    let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+    let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
     let bytes: Bytes = (0..12_000_000_u32).map(|k| (k >> 8) as u8).collect();
     stream.take(vec![Chunk { first: 0, time_ns: Some(0), bytes: bytes.clone() }], &policy).unwrap();
     stream.take(vec![Chunk { first: 2_000_000, time_ns: None, bytes: vec![1; 6].into() }], &policy).unwrap();
     drop(stream);
-    let stream = StoredStream::open(&place).unwrap().unwrap();
+    let stream = StoredStream::open(&location).unwrap().unwrap();
     assert_eq!((stream.state.next, stream.state.pending.len()), (Some(2_000_001), 2));
     let cut = stream.state.pending[1].cut;
     assert!(stream.bytes_of(cut, 0).unwrap().unwrap() == bytes.slice(6_000_000..));
@@ -85,8 +85,8 @@ fn only_samples_needed_by_records_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
     let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
-    let place = StreamPlace::in_folder(folder.path());
-    let mut stream = StoredStream::create(&place, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+    let location = StreamLocation::in_folder(folder.path());
+    let mut stream = StoredStream::create(&location, Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
     let second = |k: u64| Chunk {
         first: k * 10_000,
         time_ns: Some(k as i64 * 1_000_000_000),
@@ -111,7 +111,7 @@ fn only_samples_needed_by_records_are_kept() {
 }
 
 /// Processes on the rows of one store, with an asset `pump`.
-fn processes<const N: usize>(folder: &Path) -> (tokio::runtime::Runtime, [StreamPlace; N]) {
+fn processes<const N: usize>(folder: &Path) -> (tokio::runtime::Runtime, [StreamLocation; N]) {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
     let runtime = runtime.unwrap();
     let _entered = runtime.enter();
@@ -121,21 +121,21 @@ fn processes<const N: usize>(folder: &Path) -> (tokio::runtime::Runtime, [Stream
         store.insert_asset(&spec, None, Timestamp::UNIX_EPOCH).await.unwrap();
         store
     });
-    let places = std::array::from_fn(|_| {
+    let locations = std::array::from_fn(|_| {
         let clock = Arc::new(crate::service::SystemClock);
-        let rows = Arc::new(super::super::place::SharedRows::new(store.clone(), clock));
-        StreamPlace::Shared { rows, asset: spec.id.clone(), name: "main".to_owned() }
+        let rows = Arc::new(super::super::location::SharedRows::new(store.clone(), clock));
+        StreamLocation::Shared { rows, asset: spec.id.clone(), name: "main".to_owned() }
     });
-    (runtime, places)
+    (runtime, locations)
 }
 
 #[test]
 fn a_stream_that_moves_between_processes_has_the_records_of_one() {
     let (data, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let mut whole = stream(folder.path());
-    let (_runtime, places) = processes::<2>(data.path());
-    let create = |place| StoredStream::create(place, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
-    let [mut first, mut second] = [create(&places[0]), create(&places[1])];
+    let (_runtime, locations) = processes::<2>(data.path());
+    let create = |location| StoredStream::create(location, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
+    let [mut first, mut second] = [create(&locations[0]), create(&locations[1])];
     // More than a checkpoint's worth of appends, by each in turn for a while.
     for k in 0..400 {
         let chunk = chunk(k * 10, 10);
@@ -163,7 +163,7 @@ fn a_stream_that_moves_between_processes_has_the_records_of_one() {
             second.finish_record(&pending, None).unwrap();
         }
     }
-    let read = StoredStream::open(&places[0]).unwrap().unwrap();
+    let read = StoredStream::open(&locations[0]).unwrap().unwrap();
     for stored in [&mut first, &mut second] {
         assert!(stored.refresh().unwrap());
         assert_eq!(stored.state.pending, whole.state.pending);
@@ -188,9 +188,9 @@ fn a_stream_that_moves_between_processes_has_the_records_of_one() {
 #[test]
 fn a_sender_replaced_by_one_of_another_process_stores_nothing() {
     let data = tempfile::tempdir().unwrap();
-    let (_runtime, places) = processes::<2>(data.path());
-    let create = |place| StoredStream::create(place, Timestamp::UNIX_EPOCH, format(), None).unwrap();
-    let [mut old, mut new] = [create(&places[0]), create(&places[1])];
+    let (_runtime, locations) = processes::<2>(data.path());
+    let create = |location| StoredStream::create(location, Timestamp::UNIX_EPOCH, format(), None).unwrap();
+    let [mut old, mut new] = [create(&locations[0]), create(&locations[1])];
     old.begin_sending(1).unwrap();
     old.take(vec![chunk(0, 10)], &policy()).unwrap();
     assert!(new.refresh().unwrap());
@@ -214,9 +214,9 @@ fn a_sender_replaced_by_one_of_another_process_stores_nothing() {
 #[test]
 fn a_process_that_goes_on_cuts_nothing_that_the_other_one_skipped() {
     let data = tempfile::tempdir().unwrap();
-    let (_runtime, places) = processes::<2>(data.path());
-    let create = |place| StoredStream::create(place, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
-    let [mut first, mut second] = [create(&places[0]), create(&places[1])];
+    let (_runtime, locations) = processes::<2>(data.path());
+    let create = |location| StoredStream::create(location, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap();
+    let [mut first, mut second] = [create(&locations[0]), create(&locations[1])];
     let never: Cutting = CutPolicy::new(2.0, 0.0, RATE_HZ).unwrap().into();
     first.begin_sending(1).unwrap();
     for k in 0..20 {

@@ -17,7 +17,7 @@ const MAX_OF_ASSET: usize = 16;
 
 /// Where the streams of a service are.
 #[derive(Debug, Clone)]
-pub(super) enum StreamPlaces {
+pub(super) enum StreamStorage {
     /// In a folder, each in `asset/name`.
     Folder { disk: Arc<dyn Disk>, folder: PathBuf },
     /// In rows of a shared store.
@@ -26,7 +26,7 @@ pub(super) enum StreamPlaces {
 
 /// Where one stream is.
 #[derive(Debug, Clone)]
-pub(crate) enum StreamPlace {
+pub(crate) enum StreamLocation {
     /// Files in a folder.
     Folder { disk: Arc<dyn Disk>, folder: PathBuf },
     /// Rows of a shared store.
@@ -62,15 +62,16 @@ pub(super) fn random() -> i64 {
     (number >> 1) as i64
 }
 
-impl StreamPlaces {
-    /// The place of a stream.
-    pub(super) fn of(&self, asset: &AssetId, name: &str) -> StreamPlace {
+impl StreamStorage {
+    /// The location of a stream.
+    pub(super) fn of(&self, asset: &AssetId, name: &str) -> StreamLocation {
         match self {
-            Self::Folder { disk, folder } => {
-                StreamPlace::Folder { disk: Arc::clone(disk), folder: folder.join(asset.as_str()).join(name) }
-            }
+            Self::Folder { disk, folder } => StreamLocation::Folder {
+                disk: Arc::clone(disk),
+                folder: folder.join(asset.as_str()).join(name),
+            },
             Self::Shared(rows) => {
-                StreamPlace::Shared { rows: Arc::clone(rows), asset: asset.clone(), name: name.to_owned() }
+                StreamLocation::Shared { rows: Arc::clone(rows), asset: asset.clone(), name: name.to_owned() }
             }
         }
     }
@@ -84,7 +85,7 @@ impl StreamPlaces {
     }
 }
 
-impl StreamPlace {
+impl StreamLocation {
     #[cfg(test)]
     pub(crate) fn in_folder(folder: &Path) -> Self {
         Self::Folder { disk: Arc::new(crate::store::SystemDisk), folder: folder.to_path_buf() }

@@ -7,7 +7,7 @@ use crate::recording::stream::{Assembler, StreamFormat};
 
 /// A stream that is created with its first sample.
 #[derive(Debug, Clone)]
-pub(crate) struct Beginning {
+pub(crate) struct NewStream {
     /// When its asset was created.
     pub(crate) asset_created_at: Timestamp,
     pub(crate) format: StreamFormat,
@@ -15,7 +15,7 @@ pub(crate) struct Beginning {
     pub(crate) first: Option<u64>,
 }
 
-impl Beginning {
+impl NewStream {
     /// Where the first chunks are put in order.
     pub(crate) fn assembler(&self) -> Assembler {
         Assembler::new(&self.format, self.first, self.format.frames_in(REORDER_S))

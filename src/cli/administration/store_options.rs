@@ -10,7 +10,7 @@ use crate::store::StoreSettings;
 
 /// The store that a command works on.
 #[derive(Debug, Clone, Args)]
-pub(super) struct StorePlace {
+pub(super) struct StoreOptions {
     /// Settings file of the service (TOML); with the table `cluster`, the cluster's store is used.
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
@@ -19,7 +19,7 @@ pub(super) struct StorePlace {
     data_dir: Option<PathBuf>,
 }
 
-impl StorePlace {
+impl StoreOptions {
     /// Returns the settings of the service and of its store.
     pub(super) fn resolve(&self) -> Result<(Resolved, StoreSettings), CliError> {
         let serve = ServeArgs {

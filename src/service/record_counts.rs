@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Counts of records by outcome.
 #[derive(Debug, Default)]
-pub struct Tally([AtomicU64; 4]);
+pub struct RecordCounts([AtomicU64; 4]);
 
 /// The outcome of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum RecordOutcome {
     Refused,
 }
 
-impl Tally {
+impl RecordCounts {
     /// Number of records with this outcome.
     pub fn of(&self, outcome: RecordOutcome) -> u64 {
         self.0[outcome as usize].load(Ordering::Relaxed)

@@ -38,7 +38,7 @@ struct LatestUpdate {
 
 /// Sends the updates of a live view to its viewers.
 #[derive(Debug, Default)]
-pub(super) struct LiveFeed {
+pub(super) struct LiveViewSender {
     latest: watch::Sender<LatestUpdate>,
     is_running: AtomicBool,
 }
@@ -87,7 +87,7 @@ impl StreamViewer {
     }
 }
 
-impl LiveFeed {
+impl LiveViewSender {
     /// Ends the live view: the stream is removed.
     pub(super) fn end(&self) {
         self.latest.send_if_modified(|latest| {
@@ -125,9 +125,9 @@ impl Streams {
     pub async fn watch(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<StreamViewer, ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name).await?;
-        let latest = stream.feed.latest.subscribe();
-        if stream.feed.begin() {
-            stream.feed.update(|latest| {
+        let latest = stream.live_view.latest.subscribe();
+        if stream.live_view.begin() {
+            stream.live_view.update(|latest| {
                 *latest = LatestUpdate { number: latest.number + 1, ..LatestUpdate::default() }
             });
             tokio::spawn(FrameProducer::new(Arc::clone(self), stream).run());
@@ -172,16 +172,16 @@ impl FrameProducer {
                 _ = over.wait_for(|over| *over) => break,
                 _ = ticks.tick() => {}
             }
-            if self.stream.feed.is_ended_without_viewers() {
+            if self.stream.live_view.is_ended_without_viewers() {
                 self.forget().await;
                 return;
             }
-            if self.stream.feed.latest.borrow().is_over {
+            if self.stream.live_view.latest.borrow().is_over {
                 break;
             }
             let mut now = *next.borrow_and_update();
             // Another process may have received samples.
-            if now == self.seen_next && self.stream.place.is_shared() {
+            if now == self.seen_next && self.stream.location.is_shared() {
                 let stream = Arc::clone(&self.stream);
                 // An error is found again by the next frame.
                 let _ = blocking("read a stream", move || stream.with_stored(|_| Ok(()))).await;
@@ -206,8 +206,8 @@ impl FrameProducer {
                 }
             }
         }
-        self.stream.feed.update(|latest| latest.is_over = true);
-        self.stream.feed.is_running.store(false, Ordering::SeqCst);
+        self.stream.live_view.update(|latest| latest.is_over = true);
+        self.stream.live_view.is_running.store(false, Ordering::SeqCst);
         self.forget().await;
     }
 
@@ -229,7 +229,7 @@ impl FrameProducer {
         let make = move || serde_json::to_string(&latest.frame(&asset));
         // Numbers and names always serialise.
         let frame = self.streams.workers.run_first("produce a live view", make).await?.unwrap_or_default();
-        self.stream.feed.update(|latest| {
+        self.stream.live_view.update(|latest| {
             latest.number += 1;
             latest.frame = Some(frame.into());
             latest.waiting_s = None;
@@ -262,7 +262,7 @@ impl FrameProducer {
         };
         let waiting_s = (waited >= WAITING_AFTER).then_some(waited.as_secs());
         self.stream
-            .feed
+            .live_view
             .latest
             .send_if_modified(|latest| std::mem::replace(&mut latest.waiting_s, waiting_s) != waiting_s);
     }
