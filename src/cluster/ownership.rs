@@ -22,7 +22,7 @@ const INTERVAL: Duration = Duration::from_secs(2);
 /// Timeout of a renewal: a connection that is cut off gives no error.
 const RENEWAL_TIMEOUT: Duration = Duration::from_secs(4);
 
-const STORE_SILENT: ServiceError =
+const STORE_TIMEOUT: ServiceError =
     ServiceError::Busy { what: "the store does not respond", retry_after_s: 2 };
 
 /// The ownership of a worker.
@@ -71,7 +71,7 @@ impl Ownership {
             return Err(ClusterError::jetstream("renew the ownership of partitions")(fault.into()));
         }
         let renewed = tokio::time::timeout(RENEWAL_TIMEOUT, self.renew_in_store()).await;
-        renewed.unwrap_or(Err(ClusterError::Ingest(STORE_SILENT)))
+        renewed.unwrap_or(Err(ClusterError::Ingest(STORE_TIMEOUT)))
     }
 
     async fn renew_in_store(&self) -> Result<(), ClusterError> {

@@ -8,13 +8,13 @@ use super::app::App;
 use super::metrics::text::MetricsText;
 use super::problem::Problem;
 use crate::service::Service;
-use crate::store::Notified;
+use crate::store::RecipientStatus;
 
 /// Recipients of alarm notifications.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecipientList {
     /// One entry per recipient.
-    items: Vec<Notified>,
+    items: Vec<RecipientStatus>,
 }
 
 /// List recipients of alarm notifications
@@ -38,7 +38,7 @@ pub(super) async fn metrics(service: &Service, text: &mut MetricsText) -> Result
         return Ok(());
     }
     let now = service.store.now(service.now()).await?;
-    let mut gauge = |name: &str, help: &str, value: &dyn Fn(&Notified) -> f64| {
+    let mut gauge = |name: &str, help: &str, value: &dyn Fn(&RecipientStatus) -> f64| {
         text.head(name, "gauge", help);
         for notified in &all {
             text.line(name, &[("recipient", &notified.recipient)], value(notified));

@@ -70,7 +70,7 @@ impl Alarms {
         let lock = self.history.lock(&known.asset_id, &known.channel).await;
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut transaction = store.begin().await?;
-        let mut channel = transaction.channel_again(&channel).await?;
+        let mut channel = transaction.lock_channel(&channel).await?;
         if observed.is_some_and(|observed| observed.segments != channel.segments) {
             return Err(unknown());
         }

@@ -76,7 +76,7 @@ pub struct ChannelSummary {
     /// The generation of estimates being written.
     pub(super) next_wear: Option<i64>,
     /// When the lease of its writer expires.
-    pub(super) maker_until: Option<Timestamp>,
+    pub(super) writer_lease_until: Option<Timestamp>,
     /// The earliest place where the history changed since this generation was started.
     pub(super) changed_from: Option<SegmentKey>,
 }
@@ -197,7 +197,7 @@ impl Store {
     ) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
         let mut transaction = self.begin().await?;
-        transaction.asset_to_change(&spec.id).await?;
+        transaction.lock_asset(&spec.id).await?;
         if let Some(mark) = checked {
             mark.check(&mut transaction.inner).await?;
         }
@@ -246,7 +246,7 @@ impl Store {
     ) -> Result<Vec<String>, StoreError> {
         let mut transaction = self.begin().await?;
         // From here on no channel is created, and nothing is added.
-        transaction.asset_to_change(id).await?;
+        transaction.lock_asset(id).await?;
         checked.check(&mut transaction.inner).await?;
         let channels = self.channels(id).await?;
         let inner = &mut transaction.inner;
@@ -356,7 +356,7 @@ pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
         next_analysis: get::<Option<i64>>(row, "next_analysis_generation")?
             .zip(get(row, "next_analysis_key")?),
         next_wear: get(row, "next_wear_generation")?,
-        maker_until: get::<Option<i64>>(row, "maker_until_ns")?.map(from_ns),
+        writer_lease_until: get::<Option<i64>>(row, "maker_until_ns")?.map(from_ns),
         changed_from: get::<Option<i64>>(row, "changed_from_ns")?
             .zip(get::<Option<String>>(row, "changed_from_id")?)
             .map(|(start_ns, id)| SegmentKey { start_time: from_ns(start_ns), id: SegmentId(id) }),

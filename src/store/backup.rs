@@ -92,7 +92,7 @@ fn unfit(folder: &Path, what: &'static str) -> StoreError {
 ///
 /// # Errors
 /// The data folder has a database, or the backup has none; files cannot be written.
-pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
+pub async fn restore_backup(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (backup, database) = (from.join(DATABASE), data.join(DATABASE));
     if !backup.exists() {
         return Err(unfit(from, "has no flankwatch.db, expected a backup"));
@@ -329,13 +329,13 @@ mod tests {
         back_up(&data, &copy, QUARANTINED_FOR).await.unwrap();
         raw.put_asset_metadata(&metadata(2)).unwrap();
         fs::remove_file(data.join(DATABASE)).unwrap();
-        put_back(&copy, &data).await.unwrap();
+        restore_backup(&copy, &data).await.unwrap();
         assert_eq!(raw.asset_metadata(&id).unwrap(), Some(metadata(2)));
         let store = Store::open(&StoreSettings::Folder(data.clone())).await.unwrap();
         assert!(store.removal_hold().is_some_and(|why| why.contains("the database is older")));
         store.close().await;
         let elsewhere = place.path().join("elsewhere");
-        put_back(&copy, &elsewhere).await.unwrap();
+        restore_backup(&copy, &elsewhere).await.unwrap();
         let store = Store::open(&StoreSettings::Folder(elsewhere)).await.unwrap();
         assert_eq!(
             (store.objects().asset_metadata(&id).unwrap(), store.removal_hold()),

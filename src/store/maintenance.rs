@@ -90,7 +90,7 @@ impl Transaction {
         asset: &AssetId,
         stored: &StoredEvent,
     ) -> Result<bool, StoreError> {
-        self.asset_to_change(asset).await?;
+        self.lock_asset(asset).await?;
         let added = sqlx::query(
             "INSERT INTO maintenance_events (asset_id, id, time_ns, event) VALUES ($1, $2, $3, $4) ON CONFLICT (asset_id, id) DO NOTHING",
         )
@@ -109,7 +109,7 @@ impl Transaction {
     /// # Errors
     /// [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {
-        self.asset_to_change(asset).await?;
+        self.lock_asset(asset).await?;
         let removed = sqlx::query("DELETE FROM maintenance_events WHERE asset_id = $1 AND id = $2")
             .bind(asset.as_str())
             .bind(id)
@@ -124,7 +124,7 @@ impl Transaction {
         channel: &ChannelSummary,
         time: Timestamp,
     ) -> Result<(), StoreError> {
-        let mut channel = self.channel_again(channel).await?;
+        let mut channel = self.lock_channel(channel).await?;
         channel.must_fold |= channel.last_start_time.is_some_and(|last| last >= time);
         channel.mark_changed(SegmentKey { start_time: time, id: SegmentId(String::new()) });
         self.set_channel(&mut channel, false).await

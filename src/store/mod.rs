@@ -46,7 +46,7 @@ pub use alarms::writing::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
 pub use audit::{Audit, Finding};
-pub use backup::{Copied, back_up, put_back};
+pub use backup::{Copied, back_up, restore_backup};
 pub use coordination::queue_partitions::{PartitionOwners, WORKER_LEASE};
 pub use database::integrity::FoundDamage;
 pub use error::StoreError;
@@ -55,7 +55,7 @@ pub use history::fold_states::{RECORDS_PER_STATE, StoredFoldState, is_stored};
 pub use history::generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
 pub use history::trend::{Trend, WearPoint};
 pub use maintenance::StoredEvent;
-pub use notifications::delivery::{Attempt, Notified, PendingNotification};
+pub use notifications::delivery::{Attempt, PendingNotification, RecipientStatus};
 pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
 pub use objects::{
     AssetMetadata, Disk, ListedObject, Objects, Quarantined, RecordMetadata, StoreMark, SystemDisk, Tombstone,

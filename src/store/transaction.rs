@@ -89,7 +89,7 @@ impl Transaction {
     ///
     /// # Errors
     /// [`StoreError::AssetUnknown`] if it is deleted.
-    pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
+    pub(super) async fn lock_asset(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
         // Every change of assets locks the counter before the asset, so that changes of several assets cannot
         // deadlock.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
@@ -107,13 +107,13 @@ impl Transaction {
 
     /// Reads and locks the channels of these names, in this order, of existing assets; creates missing ones.
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
-        let mut found = self.channels_there(names).await?;
+        let mut found = self.lock_existing_channels(names).await?;
         let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
         let missing: Vec<_> = names.iter().copied().filter(|name| !found.contains_key(&key(name))).collect();
         for (asset, name) in &missing {
             self.new_channel(asset, name).await?;
         }
-        found.extend(self.channels_there(&missing).await?);
+        found.extend(self.lock_existing_channels(&missing).await?);
         let in_order = names.iter().map(|name| {
             let gone = || StoreError::AssetUnknown(name.0.clone());
             found.remove(&key(name)).ok_or_else(gone)
@@ -122,7 +122,7 @@ impl Transaction {
     }
 
     /// Reads and locks those of these channels that exist.
-    async fn channels_there(
+    async fn lock_existing_channels(
         &mut self,
         names: &[(&AssetId, &str)],
     ) -> Result<HashMap<(AssetId, String), ChannelSummary>, StoreError> {
@@ -165,7 +165,7 @@ impl Transaction {
     ///
     /// # Errors
     /// [`StoreError::AssetUnknown`] if it is deleted with its asset.
-    pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
+    pub async fn lock_channel(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
         let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.inner).await?;
         let gone = || StoreError::AssetUnknown(channel.asset_id.clone());
@@ -215,7 +215,7 @@ impl Transaction {
                     .bind(channel.next_analysis.as_ref().map(|(generation, _)| *generation))
                     .bind(channel.next_analysis.as_ref().map(|(_, key)| key.as_str()))
                     .bind(channel.next_wear)
-                    .bind(optional_ns(channel.maker_until)?)
+                    .bind(optional_ns(channel.writer_lease_until)?)
                     .bind(optional_ns(channel.changed_from.as_ref().map(|key| key.start_time))?)
                     .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()));
             }

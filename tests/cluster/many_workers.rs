@@ -129,7 +129,7 @@ fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
 }
 
 /// Returns the announced alarm changes if every record reaches every worker concurrently.
-async fn told_of(workers: &[Arc<Service>], all: &[Sent]) -> Vec<String> {
+async fn notices_of(workers: &[Arc<Service>], all: &[Sent]) -> Vec<String> {
     let mut subscribers: Vec<_> = workers.iter().map(|worker| worker.events.subscribe()).collect();
     for sent in all {
         futures_util::future::join_all(workers.iter().map(|worker| send(worker, sent))).await;
@@ -157,7 +157,7 @@ fn an_alarm_is_notified_once_by_any_worker() {
         let alone = worker(&folder.path().join("alone").as_path().into(), folder.path()).await;
         alone.assets.create(&spec).await.unwrap();
         simulated(&alone, &spec).await;
-        let expected = told_of(std::slice::from_ref(&alone), &all).await;
+        let expected = notices_of(std::slice::from_ref(&alone), &all).await;
         assert!(expected.len() >= 6, "{expected:?}");
         let settings = StoreSettings::Shared(database.settings(folder.path()));
         let mut workers = Vec::new();
@@ -168,7 +168,7 @@ fn an_alarm_is_notified_once_by_any_worker() {
         for worker in &workers {
             simulated(worker, &spec).await;
         }
-        assert_eq!(told_of(&workers, &all).await, expected);
+        assert_eq!(notices_of(&workers, &all).await, expected);
         for worker in &workers {
             worker.store.close().await;
         }

@@ -7,7 +7,7 @@ use clap::Args;
 use super::store_options::{StoreOptions, runtime};
 use crate::cli::CliError;
 use crate::cli::output::{counted, print};
-use crate::store::{Copied, back_up, put_back};
+use crate::store::{Copied, back_up, restore_backup};
 
 /// Advice where the store belongs to a cluster.
 const INSTEAD: &str = "back up PostgreSQL and the bucket with their own tools";
@@ -40,7 +40,7 @@ pub(in crate::cli) fn back_up_folder(args: &BackupArgs) -> Result<(), CliError> 
 
 pub(in crate::cli) fn restore(args: &RestoreArgs) -> Result<(), CliError> {
     let folder = args.options.folder(INSTEAD)?;
-    report(&runtime()?.block_on(put_back(&args.from, &folder))?)
+    report(&runtime()?.block_on(restore_backup(&args.from, &folder))?)
 }
 
 fn report(copied: &Copied) -> Result<(), CliError> {

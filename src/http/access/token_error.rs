@@ -18,14 +18,14 @@ pub enum TokenError {
     Store(#[from] StoreError),
     /// The database does not answer.
     #[error("tokens: the database does not answer")]
-    Silent,
+    Timeout,
 }
 
 impl TokenError {
     /// Whether the store is unavailable, so that a retry can succeed.
     pub(crate) fn is_unavailable(&self) -> bool {
         match self {
-            Self::Silent => true,
+            Self::Timeout => true,
             Self::Store(error) => error.is_unavailable(),
             _ => false,
         }

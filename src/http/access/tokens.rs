@@ -26,14 +26,14 @@ const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 #[derive(Debug)]
 pub struct Tokens {
     store: TokenStore,
-    known: Mutex<Option<Known>>,
+    known: Mutex<Option<CachedTokens>>,
     /// Held while reading the database, so that it is read once.
     asking: tokio::sync::Mutex<()>,
 }
 
 /// Cached tokens and when they were read.
 #[derive(Debug, Clone)]
-struct Known {
+struct CachedTokens {
     tokens: Option<Arc<Vec<Token>>>,
     /// The store's state at that time, where available.
     version: Option<TokensVersion>,
@@ -68,12 +68,12 @@ impl Tokens {
         }
         let version = self.store.version()?;
         let result = tokio::time::timeout(RESPONSE_TIMEOUT, self.read()).await;
-        let result = result.unwrap_or(Err(TokenError::Silent));
+        let result = result.unwrap_or(Err(TokenError::Timeout));
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         match result {
             Ok(tokens) => {
                 let now = Instant::now();
-                let read = Known { tokens: tokens.clone(), version, read_at: now, tried_at: now };
+                let read = CachedTokens { tokens: tokens.clone(), version, read_at: now, tried_at: now };
                 // Changes made in the meantime are read by the next request
                 *known = (self.store.version()? == version).then_some(read);
                 Ok(tokens)
@@ -95,7 +95,7 @@ impl Tokens {
     fn cached(&self) -> Result<Option<Option<Arc<Vec<Token>>>>, TokenError> {
         let version = self.store.version()?;
         let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let counts = |known: &&Known| match version {
+        let counts = |known: &&CachedTokens| match version {
             Some(_) => known.version == version,
             None => known.tried_at.elapsed() < MAX_AGE && known.read_at.elapsed() < MAX_AGE_WITHOUT_DATABASE,
         };

@@ -11,7 +11,7 @@ use crate::service::{
     Accepted, Precondition, RecordFormat, Role, ServiceFolders, SystemClock, UploadMetadata, WorkLimits,
 };
 use crate::signal::Record;
-use crate::store::{Asset, SegmentFilter, Store, StoreSettings, Tombstone, back_up, put_back};
+use crate::store::{Asset, SegmentFilter, Store, StoreSettings, Tombstone, back_up, restore_backup};
 
 const QUARANTINED_FOR: Duration = Duration::from_secs(3600);
 
@@ -117,7 +117,7 @@ async fn a_restored_database_gets_what_users_entered_since_the_backup() {
     service.store.close().await;
 
     lose_database(&folder);
-    put_back(&copy, &folder).await.unwrap();
+    restore_backup(&copy, &folder).await.unwrap();
     let service = service_on(&folder).await;
     assert!(service.store.removal_hold().is_some(), "the database is older");
     let rebuilt = service.rebuild(false, |_, _| {}).await.unwrap();

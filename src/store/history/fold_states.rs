@@ -114,14 +114,14 @@ impl Transaction {
     /// Removes the states that are not stored any more with this newest one: see [`is_stored`].
     async fn thin_states(&mut self, channel_no: i64, generation: i64, newest: u64) -> Result<(), StoreError> {
         let ages = (RECORDS_PER_STATE.ilog2() + 1..=newest.ilog2()).map(|power| 1 << power);
-        let superfluous: Vec<String> =
+        let to_remove: Vec<String> =
             ages.map(|age: u64| format!("position <= {} AND position % {age} <> 0", newest - age)).collect();
-        if superfluous.is_empty() {
+        if to_remove.is_empty() {
             return Ok(());
         }
         let text = format!(
             "DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND ({})",
-            superfluous.join(" OR ")
+            to_remove.join(" OR ")
         );
         sqlx::query(&text)
             .persistent(false)

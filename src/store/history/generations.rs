@@ -67,9 +67,9 @@ impl Store {
     ) -> Result<Option<WearGeneration>, StoreError> {
         let now = self.now(now).await?;
         let mut transaction = self.begin().await?;
-        let mut channel = transaction.channel_again(channel).await?;
+        let mut channel = transaction.lock_channel(channel).await?;
         let is_leased_elsewhere =
-            channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
+            channel.next_wear.is_some() && channel.writer_lease_until.is_some_and(|until| now < until);
         // A process that is alone on its store writes no other generation of the channel.
         if is_leased_elsewhere && self.is_shared() {
             return Ok(None);
@@ -78,7 +78,7 @@ impl Store {
         // Until it is served, its rows count as leftovers.
         channel.leftovers = true;
         channel.next_wear = Some(channel.newest_generation);
-        channel.maker_until = Some(lease_end(now, LEASE));
+        channel.writer_lease_until = Some(lease_end(now, LEASE));
         channel.changed_from = None;
         transaction.set_channel(&mut channel, false).await?;
         transaction.commit().await?;
@@ -117,10 +117,10 @@ impl Store {
         keeps_analyses: bool,
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        let mut channel = transaction.channel_again(channel).await?;
+        let mut channel = transaction.lock_channel(channel).await?;
         if channel.next_wear == Some(wear.0) {
             channel.next_wear = None;
-            channel.maker_until = None;
+            channel.writer_lease_until = None;
             channel.changed_from = None;
             if !keeps_analyses {
                 channel.next_analysis = None;
@@ -142,7 +142,7 @@ impl Store {
         wear: WearGeneration,
     ) -> Result<(ChannelSummary, Option<SegmentKey>), StoreError> {
         let mut transaction = self.begin().await?;
-        let mut channel = transaction.leased_channel(channel, wear).await?;
+        let mut channel = transaction.lock_leased_channel(channel, wear).await?;
         let changed_from = channel.changed_from.take();
         if changed_from.is_some() {
             transaction.set_channel(&mut channel, false).await?;
@@ -160,7 +160,7 @@ impl Store {
         keys: &AnalysisKeys,
     ) -> Result<AnalysisGeneration, StoreError> {
         let mut transaction = self.begin().await?;
-        let mut channel = transaction.leased_channel(channel, wear).await?;
+        let mut channel = transaction.lock_leased_channel(channel, wear).await?;
         if let Some((generation, key)) = &channel.next_analysis
             && **key == *keys.analysis
         {
@@ -218,7 +218,7 @@ impl Store {
         analyses: &[(SegmentId, Analysed)],
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        transaction.leased_channel(channel, wear).await?;
+        transaction.lock_leased_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
         transaction.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
         transaction.commit().await
@@ -236,7 +236,7 @@ impl Store {
         (after, states): (u64, &[StoredFoldState]),
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        let channel = transaction.leased_channel(channel, generation).await?;
+        let channel = transaction.lock_leased_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
             generation: generation.0,
             segment: &key.id,
@@ -266,12 +266,12 @@ impl Store {
         if transaction.asset(&channel.asset_id).await?.version() != from.asset {
             return Err(StoreError::Outdated("the asset's description"));
         }
-        let mut channel = transaction.leased_channel(channel, wear).await?;
+        let mut channel = transaction.lock_leased_channel(channel, wear).await?;
         if channel.version() != from.channel {
             return Err(StoreError::Outdated("the channel"));
         }
         channel.next_wear = None;
-        channel.maker_until = None;
+        channel.writer_lease_until = None;
         channel.changed_from = None;
         channel.analysis_generation = analyses.0;
         channel.wear_generation = wear.0;
@@ -299,10 +299,10 @@ impl Store {
     ) -> Result<Option<SegmentKey>, StoreError> {
         let now = self.now(now).await?;
         let mut transaction = self.begin().await?;
-        let mut channel = transaction.channel_again(channel).await?;
+        let mut channel = transaction.lock_channel(channel).await?;
         if self.is_shared()
             && channel.next_wear.is_some()
-            && channel.maker_until.is_some_and(|until| now < until)
+            && channel.writer_lease_until.is_some_and(|until| now < until)
         {
             return Ok(None);
         }
@@ -365,12 +365,12 @@ impl Store {
 
 impl Transaction {
     /// Reads and locks a channel; returns an error if this generation is not the one being written.
-    async fn leased_channel(
+    async fn lock_leased_channel(
         &mut self,
         channel: &ChannelSummary,
         wear: WearGeneration,
     ) -> Result<ChannelSummary, StoreError> {
-        let channel = self.channel_again(channel).await?;
+        let channel = self.lock_channel(channel).await?;
         if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(LEASE_LOST) }
     }
 }
@@ -443,7 +443,7 @@ mod tests {
         let start = Timestamp::UNIX_EPOCH;
         let first = store.begin_generation(&channel, start).await.unwrap().unwrap();
         store.renew_generation(&channel, first, start + LEASE).await.unwrap();
-        let until = store.channels(&channel.asset_id).await.unwrap()[0].maker_until;
+        let until = store.channels(&channel.asset_id).await.unwrap()[0].writer_lease_until;
         assert_eq!(until, Some(start + LEASE + LEASE));
         store.begin_generation(&channel, start + LEASE).await.unwrap().unwrap();
         let lost = store.renew_generation(&channel, first, start + LEASE).await.unwrap_err();

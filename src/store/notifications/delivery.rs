@@ -44,7 +44,7 @@ pub enum Attempt {
 /// Status of a recipient's notifications.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[schema(as = RecipientView)]
-pub struct Notified {
+pub struct RecipientStatus {
     /// The recipient's name in the settings.
     #[serde(rename = "name")]
     pub recipient: String,
@@ -140,11 +140,11 @@ impl Store {
     }
 
     /// The status of the notifications of each recipient that this process knows, and of each that has any.
-    pub async fn notified(&self) -> Result<Vec<Notified>, StoreError> {
+    pub async fn notified(&self) -> Result<Vec<RecipientStatus>, StoreError> {
         let known = self.recipients();
         let named = known.list.iter().map(|recipient| recipient.name.clone());
-        let mut all: Vec<Notified> =
-            named.map(|recipient| Notified { recipient, ..Notified::default() }).collect();
+        let mut all: Vec<RecipientStatus> =
+            named.map(|recipient| RecipientStatus { recipient, ..RecipientStatus::default() }).collect();
         let rows = sqlx::query(
             "SELECT recipient, progress, COUNT(*) AS count, MIN(noted_at_ns) AS oldest_ns, MAX(ended_at_ns) AS last_ns
              FROM notifications GROUP BY recipient, progress ORDER BY recipient, progress",
@@ -155,7 +155,7 @@ impl Store {
             let recipient: String = get(row, "recipient")?;
             let place = all.iter().position(|notified| notified.recipient == recipient);
             let place = place.unwrap_or_else(|| {
-                all.push(Notified { recipient, ..Notified::default() });
+                all.push(RecipientStatus { recipient, ..RecipientStatus::default() });
                 all.len() - 1
             });
             all[place].count(row)?;
@@ -185,7 +185,7 @@ impl Store {
     }
 }
 
-impl Notified {
+impl RecipientStatus {
     fn count(&mut self, row: &AnyRow) -> Result<(), StoreError> {
         let count = get_count(row, "count")?;
         let last_ns: Option<i64> = get(row, "last_ns")?;

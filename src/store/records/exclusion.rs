@@ -25,7 +25,7 @@ impl Store {
         channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         let mut changed = 0;
         for channel in &channels {
-            let mut channel = transaction.channel_again(channel).await?;
+            let mut channel = transaction.lock_channel(channel).await?;
             let keys = transaction.mark_excluded(&channel, range, is_excluded).await?;
             let Some(first) = keys.iter().min().cloned() else {
                 continue;

@@ -100,13 +100,13 @@ impl Store {
         let mut removed = RemovedRecords::default();
         let mut names = BTreeSet::new();
         for channel in &channels {
-            let channel = transaction.channel_again(channel).await?;
+            let channel = transaction.lock_channel(channel).await?;
             let records = transaction.records_among(&channel, ids).await?;
             let Some(first) = records.iter().map(|record| &record.key).min().cloned() else {
                 continue;
             };
             transaction.delete_segments(records.iter().map(|record| &record.key.id)).await?;
-            transaction.without(channel, first, records.len() as u64).await?;
+            transaction.update_after_removal(channel, first, records.len() as u64).await?;
             names.extend(records.iter().map(|record| record.raw_sha256.clone()));
             removed.segments.extend(records.into_iter().map(|record| record.key.id));
         }
@@ -160,7 +160,7 @@ impl Transaction {
 
     /// Updates a channel after the removal of `count` records, the earliest of which was at `first`. A
     /// channel without records is deleted with its alarms.
-    async fn without(
+    async fn update_after_removal(
         &mut self,
         mut channel: ChannelSummary,
         first: SegmentKey,

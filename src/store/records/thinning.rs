@@ -126,7 +126,7 @@ impl Store {
             Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
             other => other?,
         };
-        let mut channel = match transaction.channel_again(channel).await {
+        let mut channel = match transaction.lock_channel(channel).await {
             Err(StoreError::AssetUnknown(_)) => return Ok((0, true)),
             other => other?,
         };
@@ -142,7 +142,7 @@ impl Store {
         let records = KEPT_PER_BASELINE_RECORD * i64::from(asset.spec.baseline.records);
         let kept = KeptStarts { starts_ns, records };
         // The places of the records after the newest state follow from their number.
-        let Some(folded) = transaction.newest_state_start(&channel).await? else {
+        let Some(folded) = transaction.last_folded_time(&channel).await? else {
             return Ok((0, true));
         };
         let before = thinning.before(channel.last_start_time.unwrap_or(Timestamp::UNIX_EPOCH)).min(folded);
@@ -154,7 +154,7 @@ impl Store {
         }
         let (_, old) = transaction.old_records(&channel, before, EXAMINED_PER_TRANSACTION).await?;
         let (removed, until_ns) =
-            transaction.superfluous(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
+            transaction.records_to_thin(&channel, thinned_until_ns, &old, &kept, thinning.interval).await?;
         transaction.delete_segments(removed.iter().map(|record| &record.id)).await?;
         sqlx::query("UPDATE channels SET thinned_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
@@ -174,10 +174,7 @@ impl Store {
 
 impl Transaction {
     /// The time of the last record in the newest stored state of a channel's served history.
-    async fn newest_state_start(
-        &mut self,
-        channel: &ChannelSummary,
-    ) -> Result<Option<Timestamp>, StoreError> {
+    async fn last_folded_time(&mut self, channel: &ChannelSummary) -> Result<Option<Timestamp>, StoreError> {
         let row = sqlx::query(
             "SELECT MAX(start_time_ns) AS start_ns FROM fold_states WHERE channel_no = $1 AND generation = $2",
         )
@@ -227,7 +224,7 @@ impl Transaction {
     }
 
     /// The records to be removed, and the time until which the channel is thinned then.
-    async fn superfluous<'a>(
+    async fn records_to_thin<'a>(
         &mut self,
         channel: &ChannelSummary,
         from_ns: i64,
