@@ -128,9 +128,9 @@ fn main() {
             black_box(impulsive.kurtogram(&record).is_ok());
         }),
     ));
-    let answer = analyzer().condition(&record, &settings);
+    let condition = analyzer().condition(&record, &settings);
     let own = allocation_counter::measure(|| {
-        black_box(answer.clone());
+        black_box(condition.clone());
     });
     let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let is_wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| name.contains(word.as_str()));

@@ -12,8 +12,8 @@ use super::score_table::{forecast_table, header, indicator_table, means, row};
 use super::simulate::TRUTH_FILE_NAME;
 use crate::cli::{CliError, output};
 use crate::evaluation::{
-    Answer, HindsightScore, LeftOutRun, Observation, RecordedRun, RunOptions, RunScore, follow,
-    follow_together, leave_one_out, look_back, score_run, single_indicators,
+    HindsightScore, LeftOutRun, Observation, RecordEstimate, RecordedRun, RunOptions, RunScore,
+    estimate_channels, estimate_run, leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -40,7 +40,7 @@ type Answers = BTreeMap<String, Vec<Option<[f64; 3]>>>;
 /// The estimates of a run, or of all its channels together.
 struct EstimatedRun {
     name: String,
-    answers: Vec<Answer>,
+    answers: Vec<RecordEstimate>,
     in_hindsight: Option<HindsightScore>,
 }
 
@@ -72,7 +72,7 @@ pub(super) fn run(
         None => {
             let ensemble = ensemble()?;
             let machine = |(channels, name): (&Vec<RecordedRun>, &String)| {
-                let (of_channels, together) = follow_together(channels, &ensemble, BASELINE, trial);
+                let (of_channels, together) = estimate_channels(channels, &ensemble, BASELINE, trial);
                 let mut estimated: Vec<EstimatedRun> = channels
                     .iter()
                     .zip(of_channels)
@@ -129,7 +129,7 @@ pub(super) fn run_members(
     let scores: Vec<RunScore> = runs
         .par_iter()
         .map(|(run, others)| {
-            let answers = follow(run, others, BASELINE, options);
+            let answers = estimate_run(run, others, BASELINE, options);
             score_run(&run.name, &answers, BASELINE as usize, options)
         })
         .collect();
@@ -270,7 +270,7 @@ fn read_answers(path: &Path) -> Result<Answers, CliError> {
 }
 
 /// Pairs another estimator's answers with the records of a run.
-fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>, CliError> {
+fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<RecordEstimate>, CliError> {
     let answers = imported.get(&run.name).filter(|answers| answers.len() == run.records.len());
     let answers = answers.ok_or_else(|| {
         let expected = run.records.len();
@@ -285,16 +285,17 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
             run.name
         )));
     }
-    let answer = |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| Answer {
-        record,
-        truth_um: observation.wear_um,
-        wear_um: *wear_um,
-        forecast: None,
-        flagged: false,
-        sensor_fault: None,
-        suspected_fault: None,
-        reason: String::new(),
-    };
+    let answer =
+        |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| RecordEstimate {
+            record,
+            truth_um: observation.wear_um,
+            wear_um: *wear_um,
+            forecast: None,
+            flagged: false,
+            sensor_fault: None,
+            suspected_fault: None,
+            reason: String::new(),
+        };
     Ok(answers.iter().zip(&run.records).enumerate().map(answer).collect())
 }
 

@@ -24,8 +24,8 @@ pub use fault::Fault;
 pub use forecast::{Forecast, ForecastScore};
 pub use leave_one_out::{LeftOutRun, leave_one_out};
 pub use recorded::{
-    Answer, HindsightScore, RecordedRun, RunOptions, RunScore, ScoreAfter, follow, follow_together,
-    look_back, score_run,
+    HindsightScore, RecordEstimate, RecordedRun, RunOptions, RunScore, ScoreAfter, estimate_channels,
+    estimate_run, look_back, score_run,
 };
 pub use run::{Observation, RunShape, observe};
 pub use score::{NOMINAL, Score};

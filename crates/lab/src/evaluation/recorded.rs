@@ -42,7 +42,7 @@ pub struct RunOptions {
 
 /// One record's estimate with the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Answer {
+pub struct RecordEstimate {
     /// Index of the record in the run.
     pub record: usize,
     /// True greatest depth in µm.
@@ -161,23 +161,23 @@ pub fn look_back(
 }
 
 /// Estimates wear over a run with one record per hour; the first `baseline` records are the baseline.
-pub fn follow(
+pub fn estimate_run(
     run: &RecordedRun,
     ensemble: &Arc<Ensemble>,
     baseline: u32,
     options: RunOptions,
-) -> Vec<Answer> {
-    estimates(run, ensemble, baseline, options).into_iter().map(Answer::of).collect()
+) -> Vec<RecordEstimate> {
+    estimates(run, ensemble, baseline, options).into_iter().map(RecordEstimate::of).collect()
 }
 
-/// Estimates wear over the channels of one machine, recorded at the same times. Returns the answers of each
+/// Estimates wear over the channels of one machine, recorded at the same times. Returns the estimates of each
 /// channel and the joint ones.
-pub fn follow_together(
+pub fn estimate_channels(
     channels: &[RecordedRun],
     ensemble: &Arc<Ensemble>,
     baseline: u32,
     options: RunOptions,
-) -> (Vec<Vec<Answer>>, Vec<Answer>) {
+) -> (Vec<Vec<RecordEstimate>>, Vec<RecordEstimate>) {
     let of_channels: Vec<Vec<Estimate>> =
         channels.par_iter().map(|channel| estimates(channel, ensemble, baseline, options)).collect();
     let records = of_channels.iter().map(Vec::len).min().unwrap_or(0);
@@ -186,11 +186,11 @@ pub fn follow_together(
         let latest: Vec<(&str, &WearEstimate)> =
             latest.map(|(channel, estimates)| (channel.name.as_str(), &estimates[index].wear)).collect();
         let wear = JointEstimate::of(&latest)?.wear;
-        Some(Answer::of(Estimate { wear, ..of_channels[0][index] }))
+        Some(RecordEstimate::of(Estimate { wear, ..of_channels[0][index] }))
     };
     let together = (0..records).filter_map(together).collect();
     let of_channels =
-        of_channels.into_iter().map(|estimates| estimates.into_iter().map(Answer::of).collect());
+        of_channels.into_iter().map(|estimates| estimates.into_iter().map(RecordEstimate::of).collect());
     (of_channels.collect(), together)
 }
 
@@ -201,7 +201,7 @@ struct Estimate {
     wear: WearEstimate,
 }
 
-impl Answer {
+impl RecordEstimate {
     fn of(estimate: Estimate) -> Self {
         let Estimate { record, truth_um, wear } = estimate;
         let flagged = matches!(wear.status, WearStatus::OutsideLibrary | WearStatus::SensorFault);
@@ -258,13 +258,16 @@ fn without<'a>(
     run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record))
 }
 
-/// Scores the answers of a run after its baseline, with an inspection half-way if the options have one.
-pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOptions) -> RunScore {
-    let records = answers.last().map_or(0, |answer| answer.record + 1);
+/// Scores the estimates of a run after its baseline, with an inspection half-way if the options have one.
+pub fn score_run(name: &str, estimates: &[RecordEstimate], baseline: usize, options: RunOptions) -> RunScore {
+    let records = estimates.last().map_or(0, |estimate| estimate.record + 1);
     let inspected_at = options.inspection_um.map(|_| records / 2);
-    let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
-    let estimated: Vec<(usize, f64, [f64; 3])> =
-        answers.iter().filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?))).collect();
+    let estimates: Vec<&RecordEstimate> =
+        estimates.iter().filter(|estimate| estimate.record >= baseline).collect();
+    let estimated: Vec<(usize, f64, [f64; 3])> = estimates
+        .iter()
+        .filter_map(|estimate| Some((estimate.record, estimate.truth_um, estimate.wear_um?)))
+        .collect();
     let contains = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
     type Estimated = (usize, f64, [f64; 3]);
     let mean = |values: &dyn Fn(&Estimated) -> f64, from: usize| {
@@ -290,15 +293,15 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, options: RunOp
         .map(|(_, truth, wear)| contains(*truth, *wear))
         .collect();
     let pairs: Vec<(f64, f64)> = estimated.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
-    let flagged = answers.iter().filter(|answer| answer.flagged).count();
+    let flagged = estimates.iter().filter(|estimate| estimate.flagged).count();
     let forecasts: Vec<ForecastRecord> =
-        answers.iter().map(|answer| (answer.record, answer.truth_um, answer.forecast)).collect();
+        estimates.iter().map(|estimate| (estimate.record, estimate.truth_um, estimate.forecast)).collect();
     RunScore {
         run: name.to_owned(),
-        records: answers.len(),
+        records: estimates.len(),
         estimated: estimated.len(),
         flagged,
-        without: answers.len() - estimated.len() - flagged,
+        without: estimates.len() - estimated.len() - flagged,
         coverage: all.as_ref().map(|all| all.coverage),
         longest_miss,
         rank: rank_correlation(&pairs),
@@ -333,8 +336,8 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
 mod tests {
     use super::*;
 
-    fn answer(record: usize, wear_um: Option<[f64; 3]>) -> Answer {
-        Answer {
+    fn estimate(record: usize, wear_um: Option<[f64; 3]>) -> RecordEstimate {
+        RecordEstimate {
             record,
             truth_um: 10.0,
             wear_um,
@@ -349,17 +352,17 @@ mod tests {
     #[test]
     fn scores_are_means_over_estimates_and_absent_without_any() {
         let options = RunOptions { inspection_um: Some(5.0), ..RunOptions::default() };
-        let mut answers: Vec<Answer> = (0..6).map(|record| answer(record, None)).collect();
-        answers[0].wear_um = Some([50.0, 40.0, 60.0]);
-        let without = score_run("a", &answers, 2, options);
+        let mut estimates: Vec<RecordEstimate> = (0..6).map(|record| estimate(record, None)).collect();
+        estimates[0].wear_um = Some([50.0, 40.0, 60.0]);
+        let without = score_run("a", &estimates, 2, options);
         assert_eq!((without.records, without.estimated, without.without), (4, 0, 4));
         assert_eq!([without.coverage, without.mean_error_um, without.bias_um, without.width_um], [None; 4]);
         assert_eq!(without.after, None);
-        answers[2].wear_um = Some([8.0, 4.0, 12.0]);
-        let before = score_run("a", &answers, 2, options);
+        estimates[2].wear_um = Some([8.0, 4.0, 12.0]);
+        let before = score_run("a", &estimates, 2, options);
         assert_eq!((before.coverage, before.bias_um, before.after), (Some(1.0), Some(-2.0), None));
-        answers[5].wear_um = Some([16.0, 14.0, 24.0]);
-        let both = score_run("a", &answers, 2, options);
+        estimates[5].wear_um = Some([16.0, 14.0, 24.0]);
+        let both = score_run("a", &estimates, 2, options);
         assert_eq!((both.coverage, both.mean_error_um, both.width_um), (Some(0.5), Some(4.0), Some(9.0)));
         let after = ScoreAfter { mean_error_um: 6.0, width_um: 10.0, coverage: 0.0 };
         assert_eq!(both.after, Some(after));

@@ -51,7 +51,7 @@ impl ChannelEstimator {
         Self { tracker: Arc::new(Tracker::provisional(settings, first)), rules: rules.into() }
     }
 
-    /// Creates an estimator without a library; its answers say why there is none.
+    /// Creates an estimator without a library; its estimates say why there is none.
     pub fn without_library(
         settings: EstimatorSettings,
         missing_library: MissingLibrary,

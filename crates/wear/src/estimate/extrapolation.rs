@@ -21,7 +21,7 @@ const SPEED_OVER: f64 = 0.28;
 const SPEEDS: [f64; 2] = [0.5, 2.0];
 const TORQUES: [f64; 2] = [0.4, 2.5];
 
-/// Beyond these factors, either way, an answer carries a caveat.
+/// Beyond these factors, either way, an estimate carries a caveat.
 const CAVEAT_SPEED: f64 = 1.1;
 const CAVEAT_TORQUE: f64 = 1.25;
 
@@ -66,7 +66,7 @@ impl Extrapolation {
         1.0 + (wrong / discrepancy).powi(2)
     }
 
-    /// Returns why an answer is less certain than at the described operating point.
+    /// Returns why an estimate is less certain than at the described operating point.
     pub(super) fn caveat(&self) -> Option<String> {
         let far = |what, part: f64, least: f64| {
             (part.ln().abs() > least.ln()).then(|| format!("the {what} is {part:.2} times the described one"))

@@ -2,9 +2,10 @@
 //!
 //! A member's error recurs in every record, so a thousand records at the same wear are not a thousand
 //! independent pieces of evidence. The filter therefore weights each record's likelihood with a small
-//! exponent ([`STORED_EXPONENT`]), in proportion to the growth since the record before. The answer adds a part of the
-//! newest record ([`NEWEST_EXPONENT`]). At each record, the filter restarts from the prior with a small probability
-//! ([`RESTART_PROBABILITY`]; fixed share, Herbster and Warmuth 1998), so that it can recover from any state.
+//! exponent ([`STORED_EXPONENT`]), in proportion to the growth since the record before. The estimate adds a
+//! part of the newest record ([`NEWEST_EXPONENT`]). At each record, the filter restarts from the prior with a
+//! small probability ([`RESTART_PROBABILITY`]; fixed share, Herbster and Warmuth 1998), so that it can
+//! recover from any state.
 
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
@@ -26,7 +27,7 @@ const STORED_EXPONENT: f32 = 0.026;
 /// pairs.
 const STORED_EXPONENT_AFTER_INSPECTION: f32 = 0.005;
 
-/// Exponent of the newest record's likelihood in the answer.
+/// Exponent of the newest record's likelihood in the estimate.
 const NEWEST_EXPONENT: f32 = 0.28;
 
 /// Probability that the filter restarts from the prior, per unit of growth since the record before. It is
@@ -299,7 +300,8 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Multiplies a block's cells with the weights. The part `restart_probability` of what tells members apart is lost.
+    /// Multiplies a block's cells with the weights. The part `restart_probability` of what tells members
+    /// apart is lost.
     #[inline(always)]
     fn apply(&self, block: &mut Block, parts: &mut [Lanes], restart_probability: f32) {
         normalise_lanes(parts);

@@ -1,10 +1,10 @@
 //! The fold over an asset's records: first the baseline is collected, then each record updates a probability
 //! over wear depths.
 
-mod answer;
 mod collecting;
 mod healthy;
 mod hindsight;
+mod record_estimate;
 mod tracking;
 
 use std::sync::Arc;
@@ -77,12 +77,12 @@ impl Tracker {
     }
 
     /// Creates a tracker for the first members of an ensemble while the rest is still being simulated. Its
-    /// answers are marked provisional, and it attributes no record to anything but wear.
+    /// estimates are marked provisional, and it attributes no record to anything but wear.
     pub fn provisional(settings: EstimatorSettings, first: Arc<Ensemble>) -> Self {
         Self { is_provisional: true, ..Self::new(settings, Some(first)) }
     }
 
-    /// Creates a tracker without a library; its answers say why there is none.
+    /// Creates a tracker without a library; its estimates say why there is none.
     pub fn without_library(settings: EstimatorSettings, missing_library: MissingLibrary) -> Self {
         Self { missing_library, ..Self::new(settings, None) }
     }
@@ -106,16 +106,16 @@ impl Tracker {
     /// Updates the state with a record that began at `at` and returns its estimate. Records and events must
     /// come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
-        let mut answer = self.update_state(state, at, features);
-        self.missing_library.apply_to(&mut answer);
-        answer.ask_about_speed(features);
+        let mut estimate = self.update_state(state, at, features);
+        self.missing_library.apply_to(&mut estimate);
+        estimate.ask_about_speed(features);
         if self.is_provisional {
-            answer.make_provisional();
+            estimate.make_provisional();
         }
-        answer
+        estimate
     }
 
-    /// Returns the answer to a record that users excluded; it does not change the state.
+    /// Returns the estimate of a record that users excluded; it does not change the state.
     pub fn excluded(&self, state: &TrackerState) -> WearEstimate {
         let have = match &state.0 {
             Stage::Collecting(collecting) => collecting.have().min(self.settings.baseline_records),
@@ -129,11 +129,11 @@ impl Tracker {
         self.end_chosen_baseline(state, at);
         match &mut state.0 {
             Stage::Collecting(collecting) => {
-                let (answer, tracking) = self.collect(collecting, at, features);
+                let (estimate, tracking) = self.collect(collecting, at, features);
                 if let Some(tracking) = tracking {
                     state.0 = Stage::Tracking(Box::new(tracking));
                 }
-                answer
+                estimate
             }
             Stage::Tracking(tracking) => self.track(tracking, at, features),
         }

@@ -63,7 +63,7 @@ pub enum MissingLibrary {
 
 impl MissingLibrary {
     /// Returns the status and reason for records meanwhile; `None` where they do not need a library.
-    fn answer(&self) -> Option<(WearStatus, String)> {
+    fn status_and_reason(&self) -> Option<(WearStatus, String)> {
         match self {
             Self::NotDescribed => None,
             Self::NoMesh => Some((
@@ -90,7 +90,7 @@ impl MissingLibrary {
             WearStatus::CollectingBaseline => *self != Self::NoMesh,
             _ => false,
         };
-        if let Some((status, reason)) = self.answer().filter(|_| is_open) {
+        if let Some((status, reason)) = self.status_and_reason().filter(|_| is_open) {
             (wear.status, wear.reason) = (status, reason);
         }
     }
@@ -236,7 +236,7 @@ impl WearEstimate {
         self.status = WearStatus::Provisional;
     }
 
-    /// Adds the doubt about a given speed to the answer to a first record: it asks whether teeth and speed
+    /// Adds the doubt about a given speed to the estimate of a first record: it asks whether teeth and speed
     /// are right before the baseline is complete.
     pub(super) fn ask_about_speed(&mut self, features: &Features) {
         let is_early = matches!(self.status, WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary);

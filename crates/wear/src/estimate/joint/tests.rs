@@ -9,7 +9,7 @@ use crate::estimate::{BaselineProgress, Posterior};
 const CHANNELS: usize = 4;
 const CHECKS: [&str; 8] = ["a", "b", "c", "d", "e", "f", "g", "h"];
 
-fn answer(status: WearStatus, p_value: f64) -> WearEstimate {
+fn estimate(status: WearStatus, p_value: f64) -> WearEstimate {
     let baseline = BaselineProgress { have: 20, need: 20 };
     let mut wear = WearEstimate::without_number(status, "reason".to_owned(), baseline);
     wear.novelty = Some(Novelty {
@@ -33,7 +33,7 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
     let inside = |um: &f64| (low_um..=high_um).contains(um);
     let count = wear_um.iter().filter(|um| inside(um)).count() as f64;
     let probability = wear_um.iter().map(|um| if inside(um) { 1.0 / count } else { 0.0 }).collect();
-    let mut wear = answer(WearStatus::Estimated, 0.5);
+    let mut wear = estimate(WearStatus::Estimated, 0.5);
     wear.library_id = Some("library".to_owned());
     wear.posterior = Some(Posterior { wear_um, probability });
     (wear.low_um, wear.median_um, wear.high_um) =
@@ -117,7 +117,7 @@ fn a_small_deviation_on_each_channel_is_detected_jointly() {
 
 #[test]
 fn no_depth_is_claimed_where_one_channel_is_outside_the_library() {
-    let (calm, novel) = (estimated(0.0, 2.0), answer(WearStatus::OutsideLibrary, 1e-12));
+    let (calm, novel) = (estimated(0.0, 2.0), estimate(WearStatus::OutsideLibrary, 1e-12));
     let joint = JointEstimate::of(&[("a1", &calm), ("a2", &novel)]).unwrap();
     assert_eq!((joint.leading, joint.wear.status), (1, WearStatus::OutsideLibrary));
     assert_eq!((joint.wear.median_um, joint.wear.high_um), (None, None));
@@ -150,7 +150,7 @@ fn channels_that_all_deviate_a_little_are_named_together() {
 #[test]
 fn depths_of_channels_are_mixed() {
     let (thin, thick, unclear) =
-        (estimated(0.0, 9.0), estimated(20.0, 29.0), answer(WearStatus::NotIdentifiable, 0.5));
+        (estimated(0.0, 9.0), estimated(20.0, 29.0), estimate(WearStatus::NotIdentifiable, 0.5));
     let same = JointEstimate::of(&[("a1", &thin), ("a2", &thin)]).unwrap().wear;
     let alone = DepthGrid::of(&thin.posterior.as_ref().unwrap().wear_um);
     assert_eq!(same.median_um, Some(alone.quantile_um(&thin.posterior.as_ref().unwrap().probability, 0.5)));
@@ -166,7 +166,7 @@ fn depths_of_channels_are_mixed() {
 
 #[test]
 fn a_sensor_fault_is_reported_with_the_other_channels_estimate() {
-    let (calm, mut dead) = (estimated(0.0, 2.0), answer(WearStatus::SensorFault, 1e-20));
+    let (calm, mut dead) = (estimated(0.0, 2.0), estimate(WearStatus::SensorFault, 1e-20));
     dead.novelty.as_mut().unwrap().sensor_fault = Some(crate::estimate::SensorFault::Dead);
     "the sensor gives no signal".clone_into(&mut dead.reason);
     let joint = JointEstimate::of(&[("a1", &dead), ("a2", &calm)]).unwrap();

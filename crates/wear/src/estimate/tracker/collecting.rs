@@ -132,7 +132,7 @@ impl Tracker {
         Some(self.start_tracking(&collecting.records, first, ended, carried))
     }
 
-    /// Adds a record to the baseline. Returns the answer, and the tracking once the baseline is complete.
+    /// Adds a record to the baseline. Returns the estimate, and the tracking once the baseline is complete.
     pub(super) fn collect(
         &self,
         collecting: &mut Collecting,
@@ -201,7 +201,7 @@ impl Tracker {
     fn collect_meshless(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
         let is_complete = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer = self.without_mesh_lines(features, have, NO_MESH_LINE);
+        let mut estimate = self.without_mesh_lines(features, have, NO_MESH_LINE);
         if is_complete {
             let Meshless { records, cusums, model } = meshless;
             let healthy = model.get(|| self.healthy_model(&Baseline::of(records)));
@@ -209,10 +209,10 @@ impl Tracker {
                 RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
             let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
             let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), context, cusums);
-            self.apply_novelty(&mut answer, novelty, features);
+            self.apply_novelty(&mut estimate, novelty, features);
         } else if usable {
             meshless.records.push(Arc::new(features.clone()));
         }
-        answer
+        estimate
     }
 }

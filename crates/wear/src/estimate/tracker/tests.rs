@@ -275,8 +275,8 @@ fn a_part_of_the_library_gives_provisional_answers_and_reports_no_fault() {
         let mut state = tracker.start();
         records.iter().map(|record| tracker.update(&mut state, Timestamp::UNIX_EPOCH, record)).collect()
     };
-    let answers = follow(&provisional).into_iter().zip(follow(&whole)).skip(NEED as usize);
-    for (n, (first, whole)) in answers.enumerate() {
+    let estimates = follow(&provisional).into_iter().zip(follow(&whole)).skip(NEED as usize);
+    for (n, (first, whole)) in estimates.enumerate() {
         assert_eq!((first.status, first.median_um), (WearStatus::Provisional, whole.median_um), "{n}");
         assert_eq!(whole.status == WearStatus::OutsideLibrary, n >= 3, "{}", whole.reason);
         assert!(first.novelty.is_none_or(|novelty| !novelty.outside));

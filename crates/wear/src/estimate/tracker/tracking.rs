@@ -141,8 +141,8 @@ impl Tracking {
 }
 
 impl Tracker {
-    /// Starts tracking after a baseline of these records, the first two of which began at `first`; it ended at
-    /// `ended`.
+    /// Starts tracking after a baseline of these records, the first two of which began at `first`; it ended
+    /// at `ended`.
     pub(super) fn start_tracking(
         &self,
         records: &[Arc<Features>],
@@ -209,7 +209,7 @@ impl Tracker {
         filter
     }
 
-    /// Compares one record with the library, updates the state and returns the answer.
+    /// Compares one record with the library, updates the state and returns the estimate.
     pub(super) fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
         let Tracking { baseline, model, .. } = &mut *tracking;
@@ -219,19 +219,19 @@ impl Tracker {
         }
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let reason = "no gear pair is described for this asset, so there is no library to compare with";
-            let answer = match &features.speed_doubt {
+            let estimate = match &features.speed_doubt {
                 Some(doubt) => self.without_depth(WearStatus::SpeedInDoubt, need, doubt),
                 None => self.without_depth(WearStatus::NoLibrary, need, reason),
             };
-            return self.track_by_checks(tracking, &healthy, features, answer);
+            return self.track_by_checks(tracking, &healthy, features, estimate);
         };
         if healthy.lines.len() < MIN_LINES {
             let reason = format!(
                 "{} mesh lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
                 healthy.lines.len()
             );
-            let answer = self.without_depth(WearStatus::NotIdentifiable, need, &reason);
-            return self.track_by_checks(tracking, &healthy, features, answer);
+            let estimate = self.without_depth(WearStatus::NotIdentifiable, need, &reason);
+            return self.track_by_checks(tracking, &healthy, features, estimate);
         }
         let extrapolation = Extrapolation::of(ensemble, features);
         if let Some(rejection) = extrapolation.rejection() {
@@ -266,9 +266,9 @@ impl Tracker {
         let novelty = tracking.judge(&healthy, features, [lines, checks], &gain_sensitive, lines_fell);
         if novelty.outside {
             // A record that wear does not explain leaves the wear estimate as it is.
-            let mut answer = self.without_depth(WearStatus::OutsideLibrary, need, "");
-            self.apply_novelty(&mut answer, novelty, features);
-            return answer;
+            let mut estimate = self.without_depth(WearStatus::OutsideLibrary, need, "");
+            self.apply_novelty(&mut estimate, novelty, features);
+            return estimate;
         }
         tracking.drift = drift;
         let mut posterior = self.update_filter(tracking, at, &measured, &likelihood);
@@ -287,19 +287,19 @@ impl Tracker {
         if let Some(before) = before {
             posterior = posterior.or_depths(before, LOAD_INSTEAD);
         }
-        let mut answer = self.answer(ensemble, &posterior, &likelihood, is_identifiable);
+        let mut estimate = self.estimate(ensemble, &posterior, &likelihood, is_identifiable);
         let best_um = self.grid.reported_um(likelihood.best.1);
         let by_depth = posterior.by_depth();
         let [low_um, high_um] = [0.05, 0.95].map(|level| self.grid.quantile_um(&by_depth, level));
         let is_outside = best_um < low_um || best_um > high_um;
         tracking.disagreeing = counted(tracking.disagreeing, is_outside);
-        let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
+        let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && estimate.status == WearStatus::Estimated;
         if is_disputed {
-            answer.status = WearStatus::NotIdentifiable;
+            estimate.status = WearStatus::NotIdentifiable;
         }
         // Beyond the library, depths cannot be told apart.
         let hidden_limit_um = self.settings.limit_um.filter(|limit_um| {
-            *limit_um >= ensemble.described().max_wear_um() && answer.at_least_um.is_some()
+            *limit_um >= ensemble.described().max_wear_um() && estimate.at_least_um.is_some()
         });
         let doubts = [
             is_disputed.then(|| "; the last records contradict the earlier ones".to_owned()),
@@ -310,7 +310,7 @@ impl Tracker {
                 format!("; the limit of {limit_um:.0} µm lies beyond that: whether wear has passed it is not known")
             }),
         ];
-        answer.reason.extend(doubts.into_iter().flatten());
+        estimate.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
             let age_s = tracking.clock.age_s();
             let outlook = Outlook {
@@ -320,21 +320,21 @@ impl Tracker {
                 rates_um_per_day: tracking.trend.rates_um_per_day(age_s),
                 age_s,
             };
-            answer.prognosis = outlook.prognosis(limit_um, at);
+            estimate.prognosis = outlook.prognosis(limit_um, at);
             let above = self.grid.probability_above(&by_depth, limit_um);
-            answer.above_limit = hidden_limit_um.is_none().then_some(above);
+            estimate.above_limit = hidden_limit_um.is_none().then_some(above);
         }
-        answer.novelty = Some(novelty);
-        answer
+        estimate.novelty = Some(novelty);
+        estimate
     }
 
-    /// Judges a record without comparable mesh lines; adds its novelty to the `answer` that says why.
+    /// Judges a record without comparable mesh lines; adds its novelty to the `estimate` that says why.
     fn track_by_checks(
         &self,
         tracking: &mut Tracking,
         healthy: &HealthyModel,
         features: &Features,
-        mut answer: WearEstimate,
+        mut estimate: WearEstimate,
     ) -> WearEstimate {
         let need = self.settings.baseline_records;
         let [healthy_checks, shared] = healthy.checks.shared(features);
@@ -355,8 +355,8 @@ impl Tracker {
         let gain_sensitive = healthy.checks.gain_sensitive(features, healthy.lines.log_speed(features));
         let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
         let novelty = tracking.judge(healthy, features, [Vec::new(), checks], &gain_sensitive, None);
-        self.apply_novelty(&mut answer, novelty, features);
-        answer
+        self.apply_novelty(&mut estimate, novelty, features);
+        estimate
     }
 
     /// Judges a record that has none of the baseline's lines. Values below the healthy ones are ignored:
@@ -368,15 +368,15 @@ impl Tracker {
         features: &Features,
     ) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let mut answer =
+        let mut estimate =
             self.without_mesh_lines(features, need, "this record has none of the baseline's mesh lines");
         let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
         checks.retain(|deviation| deviation.residual > 0.0);
         let context = RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
         let freedom = healthy.checks.freedom();
         let novelty = judge(features, &[Vec::new(), checks], freedom, context, &mut tracking.cusums);
-        self.apply_novelty(&mut answer, novelty, features);
-        answer
+        self.apply_novelty(&mut estimate, novelty, features);
+        estimate
     }
 
     /// Whether wear is probably deeper than it can have been by the probability `before`.
@@ -407,7 +407,7 @@ impl Tracker {
         let by_depth = posterior.by_depth();
         tracking.trend.add(at, self.grid.mean_um(&by_depth), tracking.clock.age_s());
         tracking.sudden.add(measured, &by_depth);
-        // Of the filter itself: hindsight changes the answer, and must not change the filter.
+        // Of the filter itself: hindsight changes the estimate, and must not change the filter.
         let most_um = self.grid.quantile_um(&by_depth, DEEPER);
         let is_deeper = self.grid.reported_um(likelihood.best.1) > most_um;
         tracking.deeper = counted(tracking.deeper, is_deeper);

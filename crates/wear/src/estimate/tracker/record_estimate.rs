@@ -1,4 +1,4 @@
-//! The answer to a record: its numbers, and its reason in words.
+//! The estimate of a record: its numbers, and its reason in words.
 
 use super::Tracker;
 use crate::estimate::comparability::Rejection;
@@ -13,13 +13,14 @@ use flankwatch_signal::{Features, NotComputed};
 const MAX_INTERVAL_PART: f64 = 0.6;
 
 impl Tracker {
-    /// Adds a record's novelty to an answer without a depth, with the status and reason that follow from it.
-    pub(super) fn apply_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
+    /// Adds a record's novelty to an estimate without a depth, with the status and reason that follow from
+    /// it.
+    pub(super) fn apply_novelty(&self, estimate: &mut WearEstimate, novelty: Novelty, features: &Features) {
         if let Some(fault) = novelty.sensor_fault {
-            answer.status = WearStatus::SensorFault;
-            answer.reason = fault.words().to_owned();
+            estimate.status = WearStatus::SensorFault;
+            estimate.reason = fault.words().to_owned();
         } else if let Some(fault) = novelty.suspected_fault {
-            answer.status = WearStatus::OutsideLibrary;
+            estimate.status = WearStatus::OutsideLibrary;
             let band =
                 novelty.band_hz.map(|[low, high]| format!(" (mostly between {low:.0} and {high:.0} Hz)"));
             let also: Vec<&str> = novelty.other_suspected_faults.iter().map(|fault| fault.short()).collect();
@@ -36,9 +37,9 @@ impl Tracker {
             let band = band.unwrap_or_default();
             let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
             let line = line.unwrap_or_default();
-            answer.reason = format!("most likely: {words}{band}{also}{line}; {deviation}");
+            estimate.reason = format!("most likely: {words}{band}{also}{line}; {deviation}");
         } else if novelty.outside {
-            answer.status = WearStatus::OutsideLibrary;
+            estimate.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
                 Some(_) if novelty.lasting.is_some() => {
                     "no wear state of the library has explained the last records well"
@@ -47,12 +48,12 @@ impl Tracker {
                 None if novelty.lasting.is_some() => "the last records differ from the healthy ones",
                 None => "this record differs from the healthy ones",
             };
-            answer.reason = format!("{what}; {}", largest_deviations(&novelty));
+            estimate.reason = format!("{what}; {}", largest_deviations(&novelty));
         }
         if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(NotComputed::Clipped) {
-            answer.reason = format!("{}; {}", answer.reason, SensorFault::Clipped.words());
+            estimate.reason = format!("{}; {}", estimate.reason, SensorFault::Clipped.words());
         }
-        answer.novelty = Some(novelty);
+        estimate.novelty = Some(novelty);
     }
 
     /// Whether the interval is narrow enough to count as an estimate.
@@ -61,8 +62,8 @@ impl Tracker {
         high - low <= MAX_INTERVAL_PART * ensemble.described().max_wear_um()
     }
 
-    /// Returns the answer to a record that wear explains.
-    pub(super) fn answer(
+    /// Returns the estimate of a record that wear explains.
+    pub(super) fn estimate(
         &self,
         ensemble: &Ensemble,
         posterior: &JointPosterior,
@@ -95,24 +96,24 @@ impl Tracker {
             )
         };
         let (member, depth) = likelihood.best;
-        let mut answer = self.without_depth(status, self.settings.baseline_records, &reason);
-        answer.median_um = Some(median);
-        answer.mean_um = Some(self.grid.mean_um(&probability));
-        answer.low_um = Some(low);
-        answer.p25_um = Some(quantile(0.25));
-        answer.p75_um = Some(quantile(0.75));
-        answer.high_um = Some(high);
-        answer.at_least_um = at_end.then_some(least);
+        let mut estimate = self.without_depth(status, self.settings.baseline_records, &reason);
+        estimate.median_um = Some(median);
+        estimate.mean_um = Some(self.grid.mean_um(&probability));
+        estimate.low_um = Some(low);
+        estimate.p25_um = Some(quantile(0.25));
+        estimate.p75_um = Some(quantile(0.75));
+        estimate.high_um = Some(high);
+        estimate.at_least_um = at_end.then_some(least);
         let errors = self.transmission_errors.as_ref();
-        answer.transmission_error_um = errors.and_then(|errors| errors.interval_um(&posterior.joint));
-        answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest.into());
-        answer.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
-        answer.resolved_um = Some(likelihood.resolved(ensemble).map(|depth| self.grid.reported_um(depth)));
-        answer.posterior = Some(self.grid.posterior(&probability));
-        answer
+        estimate.transmission_error_um = errors.and_then(|errors| errors.interval_um(&posterior.joint));
+        estimate.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest.into());
+        estimate.best_state = Some(best_state(library, self.grid.reported_um(depth), member));
+        estimate.resolved_um = Some(likelihood.resolved(ensemble).map(|depth| self.grid.reported_um(depth)));
+        estimate.posterior = Some(self.grid.posterior(&probability));
+        estimate
     }
 
-    /// Returns the answer to a record without mesh lines: that its speed is in doubt, or `else_reason`.
+    /// Returns the estimate of a record without mesh lines: that its speed is in doubt, or `else_reason`.
     pub(super) fn without_mesh_lines(
         &self,
         features: &Features,
@@ -125,14 +126,14 @@ impl Tracker {
         }
     }
 
-    /// Returns the answer to a record that cannot be compared.
+    /// Returns the estimate of a record that cannot be compared.
     pub(super) fn not_comparable(&self, have: u32, rejection: Rejection) -> WearEstimate {
         let Rejection { reason, short } = rejection;
-        let answer = self.without_depth(WearStatus::NotComparable, have, &reason);
-        WearEstimate { short_reason: Some(short), ..answer }
+        let estimate = self.without_depth(WearStatus::NotComparable, have, &reason);
+        WearEstimate { short_reason: Some(short), ..estimate }
     }
 
-    /// Returns an answer without a depth.
+    /// Returns an estimate without a depth.
     pub(super) fn without_depth(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
         let baseline = BaselineProgress { have, need: self.settings.baseline_records };
         let ensemble = self.ensemble.as_ref();
