@@ -17,8 +17,8 @@
 //!
 //! The holder of one of these locks acquires only locks further down:
 //!
-//! 1. `Assets::describing`, `Backfill::running`, `Retention::enforcing`: one change of descriptions, one backfill,
-//!    one application of the quotas at a time
+//! 1. `Assets::describing`, `Backfill::running`, `Retention::enforcing`: one change of descriptions, one
+//!    backfill, one application of the quotas at a time
 //! 2. `RawObjects`: shared while raw bytes have no rows yet, exclusive while objects are removed
 //! 3. `CommitQueue::committing`: one transaction of segments, operator action or maintenance event at a time
 //! 4. a channel's cache; several in the order of asset and channel

@@ -89,8 +89,8 @@ impl Committer {
         self.queue.committing.lock().await
     }
 
-    /// Folds and stores segments of one asset, and sends their events. Returns them in the given order once everything is
-    /// durable.
+    /// Folds and stores segments of one asset, and sends their events. Returns them in the given order once
+    /// everything is durable.
     pub(crate) async fn commit(
         &self,
         asset: &AssetId,

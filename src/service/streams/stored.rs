@@ -351,8 +351,8 @@ impl StoredStream {
         self.journal.frames(first, cut.frames + lead, self.state.format.frame_bytes())
     }
 
-    /// The last contiguous frames, at most `max_frames`, with the index of the first. They stay in memory from
-    /// then on.
+    /// The last contiguous frames, at most `max_frames`, with the index of the first. They stay in memory
+    /// from then on.
     pub(crate) fn recent(&mut self, max_frames: u64) -> Result<(u64, Bytes), ServiceError> {
         if let Some(recent) = &self.recent {
             return Ok(recent.frames());
