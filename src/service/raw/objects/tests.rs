@@ -8,7 +8,7 @@ use futures_util::future::BoxFuture;
 use tokio::time::timeout;
 
 use super::*;
-use crate::asset::{AssetSpec, RawReference, SegmentId};
+use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
 use crate::service::{PartHealth, QueueOverview, QueuedRecord, WorkLimits, WorkQueue};
 use crate::signal::OperatingPoint;
 use crate::store::{Disk, SystemDisk};
