@@ -1,7 +1,17 @@
 // Each page with data, its links to the others, on a phone and in the dark theme.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, noSidewaysScrolling, open, overviewDrawn, PHONE } from "./page.mjs";
+import {
+  asset,
+  close,
+  drawn,
+  json,
+  noSidewaysScrolling,
+  open,
+  overviewDrawn,
+  PHONE,
+  shoot,
+} from "./page.mjs";
 
 const VIEWS = [
   [`#/assets/${asset}/waterfall`, "waterfall", ["waterfall"]],
@@ -74,6 +84,20 @@ export const CHECKS = {
     assert.ok((await report.locator("figure svg").count()) >= 5);
     await report.close();
     await close(opened, name);
+  },
+
+  "a channel without records leads to the channels that have some": async (name) => {
+    const { page, faults } = await open(`#/assets/${asset}?channel=gone`);
+    await page.getByText("Channel “gone” has no records.").waitFor();
+    await page.getByRole("link", { name: "Records", exact: true }).waitFor();
+    await page.getByRole("link", { name: "gearbox/x" }).click();
+    await drawn(page, "wear");
+    await shoot(page, name);
+    assert.ok(
+      faults.every((fault) => fault.includes("404")),
+      `${faults}`,
+    );
+    await page.context().close();
   },
 
   "a library shows its grid and each state's figures": async (name) => {

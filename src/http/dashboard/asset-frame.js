@@ -107,7 +107,7 @@ export function crumbs(...links) {
 }
 
 /** The head of an asset page; call `update` when the asset or the address changes. */
-class AssetFrame {
+export class AssetFrame {
   #page;
   #title = h("h1");
   #crumbs;
@@ -140,6 +140,27 @@ export function refusal(root, id, error) {
     root,
     h("h1", {}, id),
     h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")),
+  );
+}
+
+/** The page of an asset when the channel in the address has no records. */
+export function unknownChannel(root, asset, query, page) {
+  const { channel, segment, ...others } = query;
+  const frame = new AssetFrame(asset.id, page);
+  frame.update(assetName(asset), others, asset);
+  const link = (name) =>
+    h("a", { href: format({ page, id: asset.id, query: { ...others, channel: name } }) }, name);
+  const { channels } = asset.summary;
+  setChildren(
+    root,
+    frame.element,
+    h(
+      "p",
+      { class: "notice" },
+      `Channel “${channel}” has no records. `,
+      channels.length ? "Channels with records: " : "The asset has none yet.",
+      channels.flatMap((name, n) => [n ? ", " : "", link(name)]),
+    ),
   );
 }
 

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { settle } from "./api.js";
-import { refusal } from "./asset-frame.js";
+import { refusal, unknownChannel } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
 import { EventsCard } from "./events-card.js";
@@ -121,7 +121,12 @@ export class AssetPage {
     this.#trends.setMesh(this.#hasMesh);
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
     const latest = await settle(api.wear(this.#id, channel, signal));
-    if (latest instanceof Error) return this.#refused(latest);
+    if (latest instanceof Error) {
+      if (latest.status !== 404) return this.#refused(latest);
+      unknownChannel(this.#root, asset, { ...this.#query, channel }, "asset");
+      this.#data = null;
+      return;
+    }
     if (!this.#header.element.isConnected)
       setChildren(
         this.#root,
