@@ -43,6 +43,9 @@ export const CHECKS = {
     const id = await alarmed([1, 20]);
     await row(page, id).waitFor();
     assert.equal(await row(page, id).locator(".badge").innerText(), "Warning");
+    await sendNoise(id, 2, 30); // still a warning: the alarm keeps its value
+    await page.getByRole("columnheader", { name: "At last change" }).waitFor();
+    assert.match(await row(page, id).getByText("14.").innerText(), /^14\.\d m\/s²$/);
     const { items } = await json("alarms?state=unacknowledged,returned_unacknowledged&limit=1000");
     await page.locator("#alarm-number", { hasText: String(items.length) }).waitFor();
     await page.getByRole("link", { name: `Alarms ${items.length} unacknowledged` }).waitFor();

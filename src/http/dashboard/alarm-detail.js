@@ -143,7 +143,8 @@ export class AlarmDetail {
         "p",
         {},
         h("strong", {}, reading(value, alarm)),
-        `${severity ? " " : ", "}${levelWords(alarm)} · ${stateWords(alarm)}`,
+        [" at the last change", levelWords(alarm)].filter(Boolean).join(", "),
+        ` · ${stateWords(alarm)}`,
       ),
       h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The rule of this alarm no longer exists."),
     );

@@ -49,7 +49,7 @@ export class AlarmsPage {
   #table = h(
     "table",
     { class: "alarms", hidden: true },
-    tableHead(["Severity", "Asset", "Quantity", "Reading", "Since", "State"]),
+    tableHead(["Severity", "Asset", "Quantity", "At last change", "Since", "State"]),
     this.#body,
   );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
@@ -207,7 +207,7 @@ export class AlarmsPage {
         h("span", { class: "muted id" }, `${name ? `${asset} · ` : ""}channel ${channel}`),
       ),
       h("td", { "data-label": "Quantity" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
-      h("td", { "data-label": "Reading" }, reading(value, alarm)),
+      h("td", { "data-label": "At last change" }, reading(value, alarm)),
       h("td", { "data-label": "Since" }, since),
       h(
         "td",
