@@ -196,8 +196,16 @@ export const CHECKS = {
     const { page } = opened;
     await drawn(page, "trends");
     await page.getByRole("button", { name: "Add maintenance" }).click();
+    const time = page.getByLabel("Time, UTC");
+    const proposed = async () => Date.parse(`${await time.inputValue()}Z`);
+    assert.ok(Math.abs((await proposed()) - Date.now()) < 600_000, "old records stay before a replacement");
+    await page.getByLabel("Wear measured").check();
+    assert.match(await time.inputValue(), /^2026-03-01T08:03/, "measured at the displayed record");
     await page.getByLabel("Sensor replaced").check();
-    await page.getByLabel("Time, UTC").fill("2026-03-01T08:02:00");
+    assert.ok(Math.abs((await proposed()) - Date.now()) < 600_000);
+    await time.fill("2026-03-01T08:02:00");
+    await time.blur();
+    await page.getByText("Affects 2 records at or after that time.").waitFor();
     await page.getByLabel("Your name").fill("Grace");
     await page.locator("#maintenance-comment").fill("100 mV/g");
     await page.getByRole("button", { name: "Save", exact: true }).click();

@@ -8,6 +8,7 @@ import { h, setChildren } from "./dom.js";
 import { EventsCard } from "./events-card.js";
 import { withFineItems } from "./fine-history.js";
 import { hindsightOf } from "./hindsight.js";
+import { assetName } from "./fleet-row.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
 import { namedBins, operatingBins } from "./operating-bins.js";
@@ -60,8 +61,8 @@ export class AssetPage {
     this.#dialog = new RecordsDialog(route.id);
     this.#maintenance = new MaintenanceDialog(route.id);
     this.#events = new EventsCard(
-      () => this.#maintenance.open(this.#data?.segment?.start_time, this.#hasMesh),
-      (event) => this.#maintenance.takeBack(event),
+      () => this.#maintenance.open(this.#shown()),
+      (event) => this.#maintenance.takeBack(event, this.#shown()),
     );
     this.#header = new AssetHeader(route.id, () => this.#dialog.open());
     this.#grid = h(
@@ -88,6 +89,13 @@ export class AssetPage {
     if (changed(REFETCHED)) return true;
     if (!this.#dragging) this.redraw(); // the dragged range is already displayed
     return changed(DETAILED) || (changed(["time"]) && this.#isReduced());
+  }
+
+  /** What maintenance is entered for. */
+  #shown() {
+    const { asset, segment } = this.#data ?? {};
+    const name = asset ? assetName(asset) : this.#id;
+    return { name, recordTime: segment?.start_time, hasGears: this.#hasMesh };
   }
 
   /** Whether the plots over time do not show every record. */

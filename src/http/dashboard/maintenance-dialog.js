@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
-import { clock } from "./format.js";
+import { clock, some } from "./format.js";
 import { InspectionFields } from "./inspection-fields.js";
 import { MAINTENANCE, maintenanceWord } from "./life-events.js";
 import { storeName, storedName } from "./person.js";
@@ -15,7 +15,14 @@ const OF_GEARS = ["gear_replaced", "inspected"];
 /** The dialog with the form for one maintenance event. */
 export class MaintenanceDialog {
   #id;
-  #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
+  #title = h("h2", { id: "maintenance-title" });
+  #time = h("input", {
+    id: "maintenance-time",
+    type: "datetime-local",
+    step: 1,
+    required: true,
+    onchange: () => this.#countRecords(),
+  });
   #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200, required: true });
   #comment = h("textarea", {
     id: "maintenance-comment",
@@ -23,7 +30,9 @@ export class MaintenanceDialog {
     maxlength: 2000,
     placeholder: "for example the serial number of the new pair",
   });
-  #proposed = { text: "", time: "" }; // in the time field as opened, and what it stands for
+  #proposed = { text: "", time: "" }; // in the time field as filled, and what it stands for
+  #recordTime; // of the displayed record
+  #reach = h("p", { class: "muted", role: "status" });
   #inspection = new InspectionFields();
   #kinds = new Map(); // kind → its label with the radio button
   #result = h("p", { class: "result", role: "status" });
@@ -41,7 +50,7 @@ export class MaintenanceDialog {
           name: "maintenance-kind",
           value: kind,
           checked: n === 0,
-          onchange: () => this.#inspection.show(kind === "inspected"),
+          onchange: () => this.#kindChanged(),
         }),
         h("strong", {}, word),
         h("span", { class: "muted" }, words),
@@ -71,47 +80,75 @@ export class MaintenanceDialog {
           "Takes effect from the first record at or after that time. An entry in the past recomputes the history.",
         ),
       ),
+      this.#reach,
       this.#result,
     );
     this.element = h(
       "dialog",
       { class: "records maintenance", "aria-labelledby": "maintenance-title" },
-      h(
-        "div",
-        { class: "plot-head" },
-        h("h2", { id: "maintenance-title" }, `Maintenance of ${assetId}`),
-        close,
-      ),
+      h("div", { class: "plot-head" }, this.#title, close),
       form,
     );
   }
 
-  /** Shows the dialog, starting with the time of the displayed record; some kinds need gears. */
-  open(time, hasGears = true) {
+  /** Shows the dialog for a displayed record; some kinds need gears. */
+  open({ name, recordTime, hasGears }) {
+    setText(this.#title, `Maintenance of ${name}`);
+    this.#recordTime = recordTime;
     for (const kind of OF_GEARS) this.#kinds.get(kind).hidden = !hasGears;
     if (this.element.querySelector("[name=maintenance-kind]:checked").closest("label").hidden)
       this.element.querySelector("label:not([hidden]) > [name=maintenance-kind]").click();
-    const proposed = time ?? new Date().toISOString();
-    this.#time.value = written(proposed).slice(0, 19);
-    this.#proposed = { text: this.#time.value, time: proposed };
+    this.#propose();
     this.#by.value ||= storedName();
     this.#showStatus("", "");
     if (!this.element.open) this.element.showModal();
   }
 
+  get #kind() {
+    return this.element.querySelector("[name=maintenance-kind]:checked").value;
+  }
+
+  #kindChanged() {
+    this.#inspection.show(this.#kind === "inspected");
+    if (this.#time.value === this.#proposed.text) this.#propose();
+    else this.#countRecords();
+  }
+
+  /** Fills in the time: a measurement belongs to the displayed record, any other change is after all records. */
+  #propose() {
+    const time = (this.#kind === "inspected" && this.#recordTime) || new Date().toISOString();
+    this.#time.value = written(time).slice(0, 19);
+    this.#proposed = { text: this.#time.value, time };
+    this.#countRecords();
+  }
+
+  /** The entered time. As text it has no fraction of a second, and an hour of local time may occur twice. */
+  #entered() {
+    const { text, time } = this.#proposed;
+    return this.#time.value === text ? time : instant(this.#time.value);
+  }
+
+  /** Says how many records the entry would affect. */
+  async #countRecords() {
+    setText(this.#reach, "");
+    if (!this.#time.value) return;
+    const from = this.#entered();
+    const response = await api.settle(api.recordCount(this.#id, { from })).catch(() => null);
+    if (!response || response instanceof Error || !this.#time.value || from !== this.#entered()) return;
+    const { records } = response;
+    setText(this.#reach, records ? `Affects ${some(records, "record")} at or after that time.` : "");
+  }
+
   async #submit(event) {
     event.preventDefault();
-    const kind = this.element.querySelector("[name=maintenance-kind]:checked").value;
+    const kind = this.#kind;
     const inspection = kind === "inspected" ? this.#inspection.value() : undefined;
     if (inspection === null) return;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
     storeName(by);
     this.#save.disabled = true;
     try {
-      // As text the time has no fraction of a second, and an hour of local time may occur twice
-      const { text, time: proposed } = this.#proposed;
-      const time = this.#time.value === text ? proposed : instant(this.#time.value);
-      await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });
+      await api.addMaintenance(this.#id, { time: this.#entered(), kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
       this.element.close();
@@ -123,8 +160,8 @@ export class MaintenanceDialog {
     }
   }
 
-  /** Deletes an event after confirmation. */
-  async takeBack(event) {
+  /** Deletes an event after confirmation; `about` is as for `open`. */
+  async takeBack(event, about) {
     if (
       !confirm(
         `Delete “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then recomputed without it.`,
@@ -133,7 +170,7 @@ export class MaintenanceDialog {
       return;
     const response = await api.settle(api.deleteMaintenance(this.#id, event.id));
     if (response instanceof Error) {
-      this.open(event.time);
+      this.open(about);
       this.#showStatus("bad", `Deleting failed: ${response.message}.`);
     }
     changed();
