@@ -224,7 +224,13 @@ export const CHECKS = {
       await page.locator(`.measures [data-quantity="${quantity}"][data-verdict="impossible"]`).waitFor();
     assert.ok((await page.locator(".pair-drawing .drawn-bad").count()) > 0);
     await shoot(page, `${name} impossible`);
+    await fill(page, { Name: "Lüfter 2", "Driving shaft speed (rpm)": "9999999" });
+    assert.equal(await page.locator("#setup-id").inputValue(), "lufter-2");
+    await field(page, "Driving shaft speed (rpm)")
+      .getByText("expected a number above 0 and at most 600000 rpm")
+      .waitFor();
     await fill(page, {
+      "Driving shaft speed (rpm)": "998.4",
       "Teeth, driving": "20",
       "Bore radius, driving (mm)": "3",
       "Danger (µm)": "10",
@@ -241,7 +247,7 @@ export const CHECKS = {
     await fill(page, { "Module (mm)": "1", "Danger (µm)": "" });
     await page.getByLabel("Danger (µm)", { exact: true }).pressSequentially("6e");
     await page.getByRole("button", { name: "Create asset" }).click();
-    await page.getByText("Saving failed: a field is invalid.").waitFor();
+    await page.getByText("Not saved. Check the highlighted field.").waitFor();
     await field(page, "Danger (µm)").getByText("Danger: expected a number").waitFor();
     assert.ok(await field(page, "Id").getByText("expected an unused id").isHidden(), "nothing was sent");
     await fill(page, { "Danger (µm)": "60" });

@@ -164,16 +164,22 @@ export const CHECKS = {
     const driving = page.locator(".setup-field", { has: page.getByLabel("Teeth, driving") }).first();
     await driving.getByText("Teeth, driving: expected two tooth counts from 4 to 1000").waitFor();
     assert.equal(await page.getByLabel("Teeth, driving").first().getAttribute("aria-invalid"), "true");
-    await page.getByText("Saving failed: a field is invalid.").waitFor();
+    await page.getByText("Not saved. Check the highlighted field.").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
     // a malformed number is not an empty field
+    const question = page.waitForEvent("dialog");
+    const left = page.getByRole("link", { name: "Records", exact: true }).click();
+    await (await question).dismiss();
+    await left;
+    assert.match(page.url(), /\/settings/, "the edits stay");
+    assert.equal(await page.getByLabel("Teeth, driving").first().inputValue(), "-3");
     await page.getByRole("button", { name: "Undo changes" }).click();
     const danger = page.getByLabel("Danger (µm)");
     await danger.fill("");
     await danger.pressSequentially("1e");
     await page.getByRole("button", { name: "Save", exact: true }).click();
     await page.getByText("Danger: expected a number").waitFor();
-    await page.getByText("Saving failed: a field is invalid.").waitFor();
+    await page.getByText("Not saved. Check the highlighted field.").waitFor();
     assert.equal((await json(`assets/${id}`)).limits.danger_um, 120);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });

@@ -6,7 +6,7 @@ import { h, setChildren } from "./dom.js";
 import { bindDrops } from "./drop.js";
 import { Live, showStatus } from "./live.js";
 import { bindLogin, bindLogout } from "./login.js";
-import { parse } from "./route.js";
+import { format, parse } from "./route.js";
 import { bindThemeButton } from "./theme.js";
 import { bindTimeChoice, routeWithZone } from "./time-zone.js";
 
@@ -129,6 +129,8 @@ async function showRoute() {
   if (isOther) discardBuilt();
   const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
+  if (!same && page?.hasUnsaved && !confirm("Leave this page? Its unsaved changes are lost."))
+    return history.pushState(null, "", format(shown));
   shown = route;
   markNavigation(route.page);
   if (same) {
@@ -161,6 +163,7 @@ bindLogin(() => {
 });
 byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", showRoute);
+addEventListener("beforeunload", (event) => page?.hasUnsaved && event.preventDefault());
 addEventListener(
   "popstate",
   () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && showRoute(),

@@ -18,6 +18,8 @@ const VIEWS = [
 ];
 const KEPT = ["channel", "segment"]; // query parameters kept when switching pages
 
+export const INVALID = "Not saved. Check the highlighted field.";
+
 /** Why a description was not saved, and what to do when it has changed since the page was opened. */
 export const savingWords = (error) =>
   error.status === 412

@@ -34,3 +34,39 @@ export function putAt(object, path, value) {
   if (Array.isArray(inner) && inner.every((each) => each === undefined))
     putAt(object, keys.join("."), undefined);
 }
+
+/** What a number field should have in place of its text; null if it is empty or has a number of its kind. */
+export const brokenWords = ({ validity, step }) =>
+  validity.badInput || validity.stepMismatch ? (step === "1" ? "a whole number" : "a number") : null;
+
+const NUMBER = /(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.])/g;
+const BOUND = /^(?:a number|a fraction|at (?:most|least)|(?:less|more) than|above|from)\b/;
+const LOWER = /(?:at least|above|more than|from) $/;
+
+/** Four digits of a bound, rounded to the side of the accepted values. */
+function fourDigits(value, isLower) {
+  if (Number(value.toPrecision(4)) === value) return value;
+  const unit = 10 ** (Math.floor(Math.log10(value)) - 3);
+  return tidy((isLower ? Math.ceil : Math.floor)(value / unit) * unit);
+}
+
+/** What the service expects, with the numbers in the unit of the field. */
+export function boundWords(expected, { factor = 1, unit }) {
+  const end = expected.search(/[:,]|$/);
+  const reason = expected.slice(end).replace(/\d+\.\d{4,}/g, (text) => String(fourDigits(Number(text))));
+  let bound = expected
+    .slice(0, end)
+    .replace(NUMBER, (text, place) =>
+      String(fourDigits(tidy(Number(text) / factor), LOWER.test(expected.slice(0, place)))),
+    );
+  if (unit && BOUND.test(bound) && /\d/.test(bound))
+    bound = `${bound.replace(/^a fraction/, "a number")} ${unit}`;
+  return bound + reason;
+}
+
+/** Of fields with an error together, those outside the expected range; all if none is. */
+export function outsideRange(own, expected, valueOf) {
+  const [, low, high] = /\bfrom (\S+) to ([^\s,:]+)/.exec(expected ?? "") ?? [];
+  const outside = own.filter((made) => valueOf(made) < Number(low) || valueOf(made) > Number(high));
+  return outside.length ? outside : own;
+}

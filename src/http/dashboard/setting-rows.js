@@ -1,7 +1,7 @@
 // A list of a form, one row of fields per entry.
 
 import { h, setChildren, setText } from "./dom.js";
-import { valueAt } from "./field-values.js";
+import { brokenWords, valueAt } from "./field-values.js";
 
 let made = 0; // rows, for the ids of their errors
 
@@ -103,9 +103,9 @@ export class Rows {
   /** Shows an error at number fields that contain something else; returns the first of them. */
   failBroken() {
     const broken = [...this.#list.children].flatMap((row) =>
-      row.inputs.flatMap((input, column) => (input.validity.badInput ? [{ row, input, column }] : [])),
+      row.inputs.flatMap((input, column) => (brokenWords(input) ? [{ row, input, column }] : [])),
     );
-    for (const { row, column } of broken) this.#mark(row, column, "expected a number");
+    for (const { row, input, column } of broken) this.#mark(row, column, `expected ${brokenWords(input)}`);
     return broken[0]?.input;
   }
 

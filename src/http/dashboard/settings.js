@@ -1,9 +1,18 @@
 // An asset's settings as a form, with a live drawing of its gear pair.
 
 import * as api from "./api.js";
-import { FramedPage, savingWords } from "./asset-frame.js";
+import { FramedPage, INVALID, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
-import { beyondWords, putAt, reachWords, tidy, valueAt } from "./field-values.js";
+import {
+  beyondWords,
+  boundWords,
+  brokenWords,
+  outsideRange,
+  putAt,
+  reachWords,
+  tidy,
+  valueAt,
+} from "./field-values.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { followLimits, SettingLists } from "./settings-lists.js";
@@ -25,6 +34,7 @@ export class SettingsPage extends FramedPage {
   #save = h("button", { type: "submit", class: "primary" }, "Save");
   #undo = h("button", { type: "button", onclick: () => this.#fill() }, "Undo changes");
   #form;
+  #filled; // the description as JSON, before any edit
 
   constructor(root, route) {
     super(root, route, "settings");
@@ -166,6 +176,12 @@ export class SettingsPage extends FramedPage {
     setText(this.#result, "");
     this.#result.dataset.kind = "";
     this.#typed();
+    this.#filled = JSON.stringify(this.#description());
+  }
+
+  /** Whether leaving the page loses edits. */
+  get hasUnsaved() {
+    return Boolean(this.#filled) && JSON.stringify(this.#description()) !== this.#filled;
   }
 
   /** The description from the form; the service ignores what it adds to its answers. */
@@ -222,24 +238,25 @@ export class SettingsPage extends FramedPage {
   /** Shows an error at its fields, in the words of their labels. */
   #refuse(error) {
     const { field: name, expected } = error.problem ?? {};
-    const own = [...this.#inputs].filter(
-      ([path]) =>
+    const own = [...this.#inputs.values()].filter(
+      ({ field: { path } }) =>
         name &&
         (path === name ||
           path.endsWith(`.${name}`) ||
           path.startsWith(`${name}.`) ||
           path.startsWith(`gear.pair.${name}`)),
     );
-    for (const [, made] of own) this.#mark(made, expected);
-    const first = own[0]?.[1].input ?? (name ? this.#lists.fail(error.problem) : null);
+    const meant = outsideRange(own, expected, ({ input }) => Number(input.value));
+    for (const made of meant) this.#mark(made, expected);
+    const first = meant[0]?.input ?? (name ? this.#lists.fail(error.problem) : null);
     if (first) return this.#invalid(first);
     this.#showNotice("bad", savingWords(error));
   }
 
   /** Shows an error at number fields that contain something else; returns the first of them. */
   #failBroken() {
-    const broken = [...this.#inputs.values()].filter(({ input }) => input.validity.badInput);
-    for (const made of broken) this.#mark(made, "a number");
+    const broken = [...this.#inputs.values()].filter(({ input }) => brokenWords(input));
+    for (const made of broken) this.#mark(made, brokenWords(made.input));
     const listed = this.#lists.failBroken();
     return broken[0]?.input ?? listed;
   }
@@ -247,12 +264,12 @@ export class SettingsPage extends FramedPage {
   #mark({ field, input, error }, expected) {
     input.setAttribute("aria-invalid", "true");
     error.hidden = false;
-    setText(error, `${field.label}: expected ${expected}`);
+    setText(error, `${field.label}: expected ${boundWords(expected, field)}`);
   }
 
   #invalid(input) {
     input.focus();
-    this.#showNotice("bad", "Saving failed: a field is invalid.");
+    this.#showNotice("bad", INVALID);
   }
 
   #showNotice(kind, words) {

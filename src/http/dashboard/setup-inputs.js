@@ -2,7 +2,7 @@
 
 import { h, setText } from "./dom.js";
 import { UNITS, unknownUnitWords } from "./known-units.js";
-import { beyondWords, putAt, tidy, valueAt } from "./field-values.js";
+import { beyondWords, boundWords, brokenWords, outsideRange, putAt, tidy, valueAt } from "./field-values.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
@@ -107,9 +107,9 @@ class FieldInput {
     );
   }
 
-  /** Whether a number field contains something that is not a number. */
-  get isBroken() {
-    return this.input.validity.badInput;
+  /** What a number field should contain in place of its text; null if it is good. */
+  get broken() {
+    return brokenWords(this.input);
   }
 
   /** Shows a note about a value that is accepted nevertheless; hides it when `words` is empty. */
@@ -236,15 +236,16 @@ export class SetupInputs {
   lacking(shape) {
     return [...this.#inputs.values()]
       .filter(
-        ({ field, value, isBroken }) =>
-          field.needed && belongs(field, shape) && value === undefined && !isBroken,
+        ({ field, value, broken }) => field.needed && belongs(field, shape) && value === undefined && !broken,
       )
       .map(({ field }) => field);
   }
 
-  /** Whether a number field contains something that is not a number. */
-  isBroken(shape) {
-    return [...this.#inputs.values()].some(({ field, isBroken }) => isBroken && belongs(field, shape));
+  /** Whether a number field, of those below a path, contains something else. */
+  isBroken(shape, path = "") {
+    return [...this.#inputs.values()].some(
+      ({ field, broken }) => broken && field.path.startsWith(path) && belongs(field, shape),
+    );
   }
 
   /** Errors for empty fields that must be set together with others. */
@@ -260,7 +261,7 @@ export class SetupInputs {
 
   /** Clears all errors except those of number fields without a number. */
   clearErrors() {
-    for (const made of this.#inputs.values()) made.fail(made.isBroken ? "expected a number" : "");
+    for (const made of this.#inputs.values()) made.fail(made.broken ? `expected ${made.broken}` : "");
   }
 
   /** Shows an error at its field; returns false when there is no such field. */
@@ -291,9 +292,9 @@ export class SetupInputs {
           ? [own[Number(gear) - 1]]
           : typed.length
             ? typed
-            : own;
+            : outsideRange(own, expected, valueOf);
     for (const made of meant)
-      if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "required");
+      if (!made.isFailed) made.fail(expected ? `expected ${boundWords(expected, made.field)}` : "required");
     return true;
   }
 
@@ -321,12 +322,6 @@ export class SetupInputs {
 
 function valueOf({ value, field, derived }) {
   return value ?? field.pairDefault ?? derived;
-}
-
-/** The expected value, with the description's unit when the field uses another one. */
-function worded(expected, { factor, path }) {
-  const unit = /_(hz|pa|n_per_m)$/.exec(path)?.[1];
-  return factor && unit ? `${expected} (in ${{ hz: "Hz", pa: "Pa", n_per_m: "N/m" }[unit]})` : expected;
 }
 
 /** An object without empty values; null when nothing is left. */

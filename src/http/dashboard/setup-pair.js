@@ -10,6 +10,11 @@ const NO_GEARS = "no-gears";
 export class PairChoice {
   #presets = [];
   input;
+  hint = h(
+    "span",
+    { class: "muted field-about", id: "setup-pair-about" },
+    "Wear needs torque, module and face width. Without them, choose “None: indicators only”.",
+  );
   element;
 
   constructor(onChoice) {
@@ -27,11 +32,7 @@ export class PairChoice {
         h("span", {}, "Gear pair, for wear in µm"),
         this.input,
       ),
-      h(
-        "span",
-        { class: "muted field-about", id: "setup-pair-about" },
-        "Wear needs torque, module and face width. Without them, choose “None: indicators only”.",
-      ),
+      this.hint,
     );
     this.offer([]);
   }

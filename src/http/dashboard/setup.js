@@ -1,7 +1,7 @@
 // The form for a new, copied or existing asset, with a live drawing and preview of its gear pair.
 
 import * as api from "./api.js";
-import { crumbs, savingWords } from "./asset-frame.js";
+import { crumbs, INVALID, savingWords } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
@@ -25,6 +25,7 @@ const slug = (name) =>
   name
     .toLowerCase()
     .normalize("NFKD")
+    .replaceAll(/\p{M}/gu, "") // ü is u with a mark
     .replaceAll(/[^a-z0-9_]+/g, "-")
     .replaceAll(/^[-_]+|-+$/g, "")
     .slice(0, 64);
@@ -81,7 +82,7 @@ export class SetupPage {
         "div",
         { class: "form-buttons" },
         this.#save,
-        h("a", { class: "button", href: this.#wayBack(), onclick: () => this.#draft.clear() }, "Cancel"),
+        h("a", { class: "button", href: this.#wayBack(), onclick: () => this.#discard() }, "Cancel"),
       ),
     );
     this.#draft = new SetupDraft(this.#form, () => this.#empty());
@@ -99,7 +100,7 @@ export class SetupPage {
     );
     const beside = h("aside", { class: "setup-side" }, this.#geometry.element);
     const below = h("h2", { class: "preview-title" }, "Wear preview");
-    this.#ofGears = [beside, below, this.#panel.element];
+    this.#ofGears = [beside, below, this.#panel.element, this.#pair.hint];
     setChildren(
       root,
       title,
@@ -113,6 +114,16 @@ export class SetupPage {
     this.#name();
     // Before anything can be entered; the chosen preset once the presets are there
     if (this.#isNew) this.#restore();
+  }
+
+  /** Whether leaving the page loses entries; those of a new asset are kept as a draft. */
+  get hasUnsaved() {
+    return this.#isTouched && !this.#isNew;
+  }
+
+  #discard() {
+    this.#isTouched = false;
+    this.#draft.clear();
   }
 
   #wayBack() {
@@ -187,7 +198,7 @@ export class SetupPage {
       description.id = `${asset.id}-copy`.slice(0, 64);
       if (asset.name) description.name = `${asset.name}, copy`;
     }
-    this.#idTyped = true;
+    this.#idTyped = Boolean(this.#query.edit);
     this.#pair.showKind(description);
     this.#fill(description);
     this.#inputs.get("id").input.readOnly = Boolean(this.#query.edit);
@@ -278,6 +289,8 @@ export class SetupPage {
           ? "No preview without a gear pair: indicators are computed, but wear is not estimated."
           : "No preview without gears: records are judged by their indicators and novelty.",
       );
+    if (this.#inputs.isBroken(this.#pair.shape, "gear."))
+      return this.#blank("Correct the marked fields for a preview.");
     const lacking = this.#inputs.lacking(this.#pair.shape).filter(({ path }) => path !== "id");
     if (lacking.length) return this.#blank(requiredWords(lacking));
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
@@ -342,7 +355,7 @@ export class SetupPage {
     }
     const listed = this.#rules.failBroken();
     if (listed || this.#inputs.isBroken(this.#pair.shape)) {
-      this.#showNotice("bad", "Saving failed: a field is invalid.");
+      this.#showNotice("bad", INVALID);
       if (listed) listed.closest("details").open = true;
       listed?.focus();
       return this.#inputs.focusError();
@@ -353,14 +366,14 @@ export class SetupPage {
       const { id } = this.#query.edit
         ? await api.replaceAsset(this.#query.edit, spec, this.#edited)
         : await api.createAsset(spec);
-      this.#draft.clear();
+      this.#discard();
       go({ page: "asset", id });
     } catch (error) {
       const refusal =
         error.status === 409 ? { field: "id", value: spec.id, expected: "an unused id" } : error.problem;
       this.#refusals.saved = refusal ? [refusal] : [];
       const placed = this.#showRefusals().has(refusal);
-      this.#showNotice("bad", placed ? "Saving failed: a field is invalid." : savingWords(error));
+      this.#showNotice("bad", placed ? INVALID : savingWords(error));
       if (placed) this.#inputs.focusError();
     } finally {
       this.#save.disabled = false;
