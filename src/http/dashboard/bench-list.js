@@ -191,7 +191,7 @@ export class BenchList {
         h(
           "span",
           { class: "muted" },
-          segment ? recordWords(segment) : fault ? `${fault}.` : "Loading…",
+          segment ? recordWords(segment) : (fault ?? "Loading…"),
           isFirst ? ". Reference for the others." : "",
         ),
       ),

@@ -150,7 +150,10 @@ function layersOf(key, records, query) {
     const hertz = own.axis ? segment.shaft_speed?.shaft_speed_hz : undefined;
     const placed = hertz ? { ...own, hertz_per_unit: hertz } : own;
     const data = key === "spectrum" ? converted(placed, quantity, hertz ?? 1) : placed;
-    return { data, colour, name, pointed: `${name}, `, prefix: `${name}: `, isNamed: true };
+    const { shaft_speed: speed, start_time: start } = segment;
+    const known = speed && !speed.doubt ? speed.shaft_speed_hz : undefined;
+    const words = { name, pointed: `${name}, `, prefix: `${name}: ` };
+    return { data, colour, ...words, isNamed: true, speed: known, start };
   });
 }
 

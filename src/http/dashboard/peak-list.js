@@ -10,23 +10,31 @@ import { saveCsv } from "./csv.js";
 
 const COUNTS = [5, 10, 20, 50];
 const COUNT = 10;
+const OF_LINES =
+  "Amplitudes of single spectral lines: a tone between two is up to 15 % stronger, as listed for the mesh.";
 
 /** The number of lines set in an address. */
 const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number(peaks) : COUNT);
 
+/** Whether lines are compared at the same order in hertz: the speeds are known, and may have differed. */
+const atOrders = (layer, first) =>
+  !layer.data.axis && layer.speed && first.speed && layer.start !== first.start;
+
 /**
  * The peaks of every record in a part, `{ layer, x, amplitude, level_db }`, with the level relative to the
- * first record's line there; null when not all lines are known.
+ * first record's line at the same order or frequency; null when not all lines are known.
  * @param {import("./layers.js").Layer[]} layers
  * @param {number[]} part
  * @param {number} count
  */
 function peaksOf(layers, part, count) {
+  const [first] = layers;
   const rows = layers.map((layer) => {
     const peaks = greatestPeaks(layer.data, part, count);
     return peaks?.map(({ x, amplitude }) => {
-      const first = amplitudeAt(layers[0].data, x);
-      const level = first > 0 && layer !== layers[0] ? 20 * Math.log10(amplitude / first) : null;
+      const place = atOrders(layer, first) ? (x * first.speed) / layer.speed : x;
+      const reference = amplitudeAt(first.data, place);
+      const level = reference > 0 && layer !== first ? 20 * Math.log10(amplitude / reference) : null;
       return { layer, x, amplitude, level_db: level };
     });
   });
@@ -104,10 +112,10 @@ export class PeakList {
     const shownUnit = first.unit ? ` (${first.unit})` : "";
     const toHertz = ({ layer: { data }, x }) => x * (data.hertz_per_unit ?? 1);
     const inOrders = ({ layer: { data }, x }) => (data.shaft_speed_hz ? x / data.shaft_speed_hz : null);
-    setText(
-      this.#note,
-      `Range: ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; levels relative to the first record's line at the same position" : ""}.`,
-    );
+    const where = first.axis || layers.some((layer) => atOrders(layer, layers[0])) ? "order" : "frequency";
+    const levels = layers.length > 1 ? `; levels relative to the first record's line at the same ${where}` : "";
+    const range = `${number(part[0], 5)} to ${number(part[1], 5)} ${first.axis ? "orders" : "Hz"}`;
+    setText(this.#note, `Range: ${range}${levels}. ${OF_LINES}`);
     const found = this.#changes(layers, peaks);
     const changes = found.some((each) => each !== null) ? found : null;
     this.#columns = [
@@ -118,7 +126,7 @@ export class PeakList {
       ["level re first record (dB)", peaks.map(({ level_db: level }) => level)],
       ["level re baseline (dB)", changes],
     ].filter(([, values]) => values);
-    const [, hertzOf, orders, amplitudes, levels] = this.#columns.map(([, values]) => values);
+    const [, hertzOf, orders, amplitudes, toFirst] = this.#columns.map(([, values]) => values);
     setChildren(
       this.#head,
       [
@@ -148,7 +156,7 @@ export class PeakList {
             decimals(hertzOf[row], 2),
             decimals(orders[row], 3),
             figure(amplitudes[row]),
-            layers.length > 1 && decibels(levels[row]),
+            layers.length > 1 && decibels(toFirst[row]),
             changes && levelWords(changes[row]),
           ]
             .filter((text) => typeof text === "string")
