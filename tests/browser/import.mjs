@@ -268,6 +268,27 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "a repeated upload says what was stored already, and asks about a start in the future": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    const [first, second] = [0, 1].map((n) => audio(`run_20260401_08000${n}.wav`, wav(2000)));
+    await page.setInputFiles("#upload-file", [first]);
+    await page.getByRole("button", { name: "Upload file" }).click();
+    await page.getByText("channel 1, stored").waitFor();
+    await page.setInputFiles("#upload-file", [first, second]);
+    await page.getByRole("button", { name: "Upload 2 files" }).click();
+    await page.getByText("channel 1, already stored, not added again.").waitFor();
+    await page.getByText("2 files read: 1 record added, 1 already stored.").waitFor();
+    await page.setInputFiles("#upload-file", [audio("run_20990401_080000.wav", wav(2000))]);
+    const asked = page.waitForEvent("dialog");
+    const click = page.getByRole("button", { name: "Upload file" }).click();
+    const dialog = await asked;
+    assert.match(dialog.message(), /starts in the future, at 2099-04-01 08:00:00 UTC/);
+    await dialog.dismiss();
+    await click;
+    await end(opened, name);
+  },
+
   "files of one import with the same start and channel are reported": async (name) => {
     const opened = await desk();
     const { page } = opened;
@@ -430,7 +451,7 @@ export const CHECKS = {
       audio("run-1.wav", wav(2000)),
       audio("dated_20260401_080000.wav", wav(2200)),
     ]);
-    await spacing.getByText("3 files do not say when they were recorded").waitFor();
+    await spacing.getByText("3 files have no recording time").waitFor();
     // until a start is entered, the last record is as old as the latest file: the service takes none of the future
     const offered = async () => Date.parse(`${await spacing.getByLabel("First record, UTC").inputValue()}Z`);
     const last = async () =>
@@ -457,10 +478,7 @@ export const CHECKS = {
     const asked = page.waitForEvent("dialog");
     const sent = send(page);
     const dialog = await asked;
-    assert.match(
-      dialog.message(),
-      /^3 files do not say when they were recorded, and were all written within/,
-    );
+    assert.match(dialog.message(), /^3 files have no recording time, and were all written within/);
     await dialog.dismiss();
     await sent;
     assert.equal((await json(`assets/${id}`)).summary.segments, 0);

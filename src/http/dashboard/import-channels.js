@@ -147,10 +147,10 @@ export class ImportChannels {
   /** The names that the channels will have; a single one without a name has none. */
   names() {
     const { type, channels } = this.#seen;
-    const isNamed = BLOCKS.includes(type) || type === "application/mcap";
+    const isNamed = BLOCKS.includes(type) || ["application/mcap", "text/csv"].includes(type);
     return channels.map(({ name }, n) => {
       // A single channel without a name is the default channel in every file
-      const standing = isNamed ? name : channels.length > 1 ? String(name || n + 1) : "";
+      const standing = isNamed || channels.length > 1 ? String(name || n + 1) : "";
       return this.#fields[n]?.name.value.trim() || standing;
     });
   }

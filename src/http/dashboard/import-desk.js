@@ -149,18 +149,19 @@ export class ImportDesk {
     this.#compare();
   }
 
-  /** Says how far the upload is; `rejected` and `unsent` files are not stored. */
-  #sum(done, all, { rejected, unsent }, isLast) {
+  /** Says how far the upload is; `repeated` counts records that were stored already. */
+  #sum(done, all, { rejected, unsent, repeated }, isLast) {
     this.#summary.hidden = all < 2;
     const refused = [
       rejected.length ? `, ${some(rejected.length, "file")} rejected` : "",
       unsent.length ? `, ${some(unsent.length, "file")} not sent` : "",
     ].join("");
+    const known = repeated ? `, ${count(repeated)} already stored` : "";
     this.#summary.dataset.kind = !isLast ? "" : refused ? "part" : "good";
     setText(
       this.#summary,
       isLast
-        ? `${some(all - unsent.length, "file")} read: ${records(this.#batch.size)} added${refused}.`
+        ? `${some(all - unsent.length, "file")} read: ${records(this.#batch.size)} added${known}${refused}.`
         : `${count(done)} of ${count(all)} files uploaded${refused}…`,
     );
   }
@@ -194,7 +195,12 @@ export class ImportDesk {
   #sendAll() {
     if (this.#failBroken()) return;
     const common = this.#values.common();
-    const questions = [this.#spacing.question(), this.#unitQuestion(), this.#unusedQuestion(common)];
+    const questions = [
+      this.#spacing.question(),
+      this.#futureQuestion(),
+      this.#unitQuestion(),
+      this.#unusedQuestion(common),
+    ];
     if (!questions.filter(Boolean).every((question) => confirm(question))) return;
     const cards = this.#files
       .filter(({ isRecording }) => isRecording)
@@ -214,18 +220,25 @@ export class ImportDesk {
       const stay = warnBeforeLeaving();
       const waiting = cards.map(({ file }) => new UploadProgress(file));
       this.#results.append(...waiting.map(({ element }) => element));
-      const failed = { rejected: [], unsent: [] };
+      const results = { rejected: [], unsent: [], repeated: 0 };
       for (const [n, one] of cards.entries()) {
-        this.#sum(n, cards.length, failed, false);
-        failed[await this.#sendOne(one, common, waiting[n])]?.push(one.card);
+        this.#sum(n, cards.length, results, false);
+        await this.#sendOne(one, common, waiting[n], results);
       }
-      this.#sum(cards.length, cards.length, failed, true);
-      this.#listAgain(failed);
+      this.#sum(cards.length, cards.length, results, true);
+      this.#listAgain(results);
       stay.abort();
       this.#next.hidden = !this.#next.children.length || this.#batch.size === 0;
       this.#offerUndo();
       await this.#askAboutSpeed();
     });
+  }
+
+  /** A question when a record would start in the future, which the server refuses beyond its limit. */
+  #futureQuestion() {
+    const startOf = (card) => card.start() ?? card.seen.ownStart;
+    const ahead = this.#files.find((card) => card.isRecording && Date.parse(startOf(card)) > Date.now());
+    return ahead ? `${ahead.file.name} starts in the future, at ${clock(startOf(ahead))}. Upload it?` : null;
   }
 
   /** A question before the first records of an asset whose unit nobody has entered; null otherwise. */
@@ -281,11 +294,11 @@ export class ImportDesk {
     this.#compare();
   }
 
-  /** Returns whether the file was `taken`, `rejected`, or `unsent` because the server was not reached. */
-  async #sendOne({ file, seen, entry }, common, progress) {
+  /** Adds the card of a rejected file, or of one that did not reach the server, to the results. */
+  async #sendOne({ card, file, seen, entry }, common, progress, results) {
     progress.begin();
     try {
-      const { kind, words, segments, listed } = await sendFile(
+      const { kind, words, segments, listed, repeated } = await sendFile(
         this.#asset,
         file,
         seen,
@@ -294,15 +307,16 @@ export class ImportDesk {
         (share) => progress.sent(share),
       );
       this.#batch.add(segments);
+      results.repeated += repeated;
       progress.end(
         kind,
         listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
       );
       changed();
-      return kind === "bad" ? "rejected" : "taken";
+      if (kind === "bad") results.rejected.push(card);
     } catch (error) {
       progress.end("bad", refusalWords(file.name, error));
-      return error instanceof api.ConnectionError ? "unsent" : "rejected";
+      (error instanceof api.ConnectionError ? results.unsent : results.rejected).push(card);
     }
   }
 

@@ -117,12 +117,15 @@ export async function recordsAt(asset, start, signal) {
   return (await recordsPage(asset, { from: start, to, limit: 100 }, signal)).items;
 }
 
-/** Uploads a file. Returns `{ kind, words, segments }`; `segments` are the ids of the new records. */
+/**
+ * Uploads a file. Returns `{ kind, words, segments, repeated }`: the ids of the new records, and how many were
+ * stored already.
+ */
 export async function sendFile(asset, file, seen, entry, common, onProgress) {
   const start = entry.start ?? seen.ownStart;
   const before = start ? new Set((await recordsAt(asset, start)).map(({ id }) => id)) : null;
   const requests = await requestsOf(file, seen, entry, common);
-  const all = { kind: "good", words: [], segments: [] };
+  const all = { kind: "good", words: [], segments: [], repeated: 0 };
   for (const [n, { body, type, parameters }] of requests.entries()) {
     let response;
     try {
@@ -137,8 +140,9 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
     }
     const refused = response.refused_count ?? 0;
     if (refused) all.kind = response.stored + response.repeated + (response.queued ?? 0) > 0 ? "part" : "bad";
-    all.words.push(...words(file, response));
+    all.words.push(...words(file, response, before));
     const taken = (response.segments ?? [response]).map((segment) => segment.id ?? segment);
+    all.repeated += response.repeated ?? taken.filter((id) => before?.has(id)).length;
     // For a single record of unknown start, the client cannot tell whether it is new
     if (before || response.records !== undefined)
       all.segments.push(...taken.filter((id) => !before?.has(id)));
@@ -150,7 +154,8 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
   return all;
 }
 
-function words(file, response) {
+/** The result as text; `before` has the ids of the records that were there. */
+function words(file, response, before) {
   if (response.records !== undefined) {
     const queued = response.queued ? `, ${response.queued} queued for analysis` : "";
     const counts = `${file.name}: ${response.records} records read, ${response.stored} stored${queued}, ${response.repeated} already stored, ${response.refused_count} refused.`;
@@ -166,12 +171,13 @@ function words(file, response) {
         ),
     ];
   }
-  return (response.segments ?? [response]).map(({ channel, start_time: start, wear, state }) => {
-    if (state === "queued")
-      return `${file.name}: record of ${clock(start)}, channel ${channel}, accepted and queued for analysis; the page updates by itself.`;
+  return (response.segments ?? [response]).map(({ id, channel, start_time: start, wear, state }) => {
+    const record = `${file.name}: record of ${clock(start)}, channel ${channel},`;
+    if (before?.has(id)) return `${record} already stored, not added again.`;
+    if (state === "queued") return `${record} accepted and queued for analysis; the page updates by itself.`;
     const { number, interval } = depthWords(wear);
     const estimate = wear.median_um == null ? wear.reason : `wear ${number} (${interval})`;
-    return ended(`${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}`);
+    return ended(`${record} stored; ${estimate}`);
   });
 }
 

@@ -67,7 +67,7 @@ export class StartSpacing {
     if (this.element.hidden) return;
     setText(
       this.#words,
-      `${count(this.#cards.length)} files do not say when they were recorded. Wear follows the order of the records, so their times matter: set them below, in the order of the file names, or one by one.`,
+      `${count(this.#cards.length)} files have no recording time. Wear follows the order of the records, so their times matter: set them below, in the order of the file names, or one by one.`,
     );
     this.#showLast();
   }
@@ -78,7 +78,7 @@ export class StartSpacing {
   question() {
     const starts = this.#cards.filter((card) => card.hasGuessedStart).map((card) => Date.parse(card.start()));
     if (starts.length < FEW || Math.max(...starts) - Math.min(...starts) > MINUTE) return null;
-    return `${count(starts.length)} files do not say when they were recorded, and were all written within one minute. Wear follows the order of the records, so set their start times first. Upload them with the files' modification times anyway?`;
+    return `${count(starts.length)} files have no recording time, and were all written within one minute. Wear follows the order of the records, so set their start times first. Upload them with the files' modification times anyway?`;
   }
 
   /** The start of the last record, in ms; NaN while something is missing. */

@@ -113,7 +113,8 @@ export class PeakList {
     const toHertz = ({ layer: { data }, x }) => x * (data.hertz_per_unit ?? 1);
     const inOrders = ({ layer: { data }, x }) => (data.shaft_speed_hz ? x / data.shaft_speed_hz : null);
     const where = first.axis || layers.some((layer) => atOrders(layer, layers[0])) ? "order" : "frequency";
-    const levels = layers.length > 1 ? `; levels relative to the first record's line at the same ${where}` : "";
+    const levels =
+      layers.length > 1 ? `; levels relative to the first record's line at the same ${where}` : "";
     const range = `${number(part[0], 5)} to ${number(part[1], 5)} ${first.axis ? "orders" : "Hz"}`;
     setText(this.#note, `Range: ${range}${levels}. ${OF_LINES}`);
     const found = this.#changes(layers, peaks);
