@@ -233,9 +233,9 @@ fn indicator_words(name: &str) -> String {
 
 fn kind_words(kind: MaintenanceKind) -> &'static str {
     match kind {
-        MaintenanceKind::GearReplaced => "gear replaced",
+        MaintenanceKind::GearReplaced => "gears replaced",
         MaintenanceKind::SensorReplaced => "sensor replaced",
-        MaintenanceKind::RegimeChanged => "speed or load changed",
+        MaintenanceKind::RegimeChanged => "operation changed",
         MaintenanceKind::Inspected => "wear measured",
         MaintenanceKind::BaselineChosen => "baseline chosen",
     }
@@ -318,7 +318,7 @@ mod tests {
             "A &amp; B",
             "warning raised",
             ">101.2<",
-            "gear replaced",
+            "gears replaced",
             "wear measured: 62.5 ± 5 µm, driven gear, at the root",
             "new &lt;pair&gt;",
         ] {

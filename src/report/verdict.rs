@@ -9,13 +9,13 @@ use crate::estimate::{AlarmQuantity, MaintenanceKind, Severity, WearEstimate};
 /// Writes the verdict, below the title.
 pub(super) fn write(report: &Report, body: &mut String) {
     let (class, word, reason) = verdict(report);
-    let _ = write!(body, "<p class=\"verdict {class}\"><strong>{word}</strong>: {}.</p>", escape(&reason));
+    let _ = write!(body, "<p class=\"verdict {class}\"><strong>{word}</strong> {}.</p>", escape(&reason));
 }
 
 /// The class, the word and the reason of the verdict.
 fn verdict(report: &Report) -> (&'static str, &'static str, String) {
     let Some(last) = report.records.last() else {
-        return ("none", "No verdict", "there are no records".to_owned());
+        return ("none", "No verdict:", "there are no records".to_owned());
     };
     let raised = report.alarms.iter().filter_map(|alarm| Some((alarm.severity?, alarm)));
     let limited = wear_beyond(report);
@@ -29,7 +29,7 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
         let matching = all.iter().filter(|(severity, _)| *severity == wanted);
         matching.map(|(_, words)| words.as_str()).collect()
     };
-    for (severity, word) in [(Severity::Danger, "Danger"), (Severity::Warning, "Warning")] {
+    for (severity, word) in [(Severity::Danger, "Danger:"), (Severity::Warning, "Warning:")] {
         let reasons = of(severity);
         if !reasons.is_empty() {
             return (severity.name(), word, reasons.join("; "));
@@ -37,10 +37,10 @@ fn verdict(report: &Report) -> (&'static str, &'static str, String) {
     }
     match last.wear.as_ref().and_then(WearEstimate::determined_depth_um) {
         Some(depth_um) => {
-            ("good", "Good", format!("no alarm is raised, and the wear depth is {depth_um:.0} µm"))
+            ("good", "Good:", format!("no active alarms, and the wear depth is {depth_um:.0} µm"))
         }
-        None if last.wear_words.is_empty() => ("good", "No alarm", "none is raised".to_owned()),
-        None => ("none", "No alarm", format!("none is raised; wear: {}", last.wear_words)),
+        None if last.wear_words.is_empty() => ("good", "Good:", "no active alarms".to_owned()),
+        None => ("none", "No active alarms.", format!("Wear: {}", last.wear_words)),
     }
 }
 
@@ -73,7 +73,7 @@ mod tests {
 
     fn words(report: &Report) -> String {
         let (_, word, reason) = verdict(report);
-        format!("{word}: {reason}")
+        format!("{word} {reason}")
     }
 
     #[test]
@@ -81,7 +81,7 @@ mod tests {
         let mut report = Report::default();
         assert_eq!(words(&report), "No verdict: there are no records");
         report.records = vec![record(estimated([180.0, 220.0, 250.0]))];
-        assert_eq!(words(&report), "Good: no alarm is raised, and the wear depth is 220 µm");
+        assert_eq!(words(&report), "Good: no active alarms, and the wear depth is 220 µm");
         report.alarms = vec![ReportedAlarm {
             channel: "in".to_owned(),
             quantity: AlarmQuantity::Indicator("rms".to_owned()),
@@ -103,7 +103,7 @@ mod tests {
         let mut body = String::new();
         write(&report, &mut body);
         assert!(
-            body.starts_with("<p class=\"verdict danger\"><strong>Danger</strong>: wear depth"),
+            body.starts_with("<p class=\"verdict danger\"><strong>Danger:</strong> wear depth"),
             "{body}"
         );
     }
@@ -116,8 +116,8 @@ mod tests {
         let limits = WearLimits { warning_um: Some(120.0), danger_um: Some(200.0) };
         let report = Report { limits, records: vec![record(wear)], ..Report::default() };
         let (class, word, reason) = verdict(&report);
-        assert_eq!((class, word), ("none", "No alarm"));
-        assert_eq!(reason, "none is raised; wear: the interval covers most of the library");
+        assert_eq!((class, word), ("none", "No active alarms."));
+        assert_eq!(reason, "Wear: the interval covers most of the library");
     }
 
     #[test]
@@ -146,6 +146,6 @@ mod tests {
         report.maintenance = vec![replaced("1970-01-03T00:00:00Z")];
         assert_eq!(words(&report), worn);
         report.maintenance.push(replaced("1970-01-01T12:00:00Z"));
-        assert_eq!(words(&report), "No alarm: none is raised; wear: collecting");
+        assert_eq!(words(&report), "No active alarms. Wear: collecting");
     }
 }
