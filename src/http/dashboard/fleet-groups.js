@@ -1,4 +1,4 @@
-// Groups the fleet by place: site, machine and gearbox of each asset, or the part before the last slash of a
+// Groups the fleet by place: site, machine and gearbox of each asset, or the part before the last “ / ” of a
 // name such as “North plant / line 3 / mesh”.
 
 import { h, setChildren, setText } from "./dom.js";
@@ -15,7 +15,7 @@ export function placeOf(asset) {
   const place = [site, machine, gearbox].filter(Boolean).join(" / ");
   if (place) return place;
   return assetName(asset)
-    .split("/")
+    .split(" / ")
     .slice(0, -1)
     .map((part) => part.trim())
     .filter(Boolean)

@@ -34,6 +34,7 @@ export class TokensPage {
     "No tokens yet: access is open. Once the first token exists, every request needs one. The first token has the scope admin, and this browser is logged in with it.",
   );
   #made = h("div", { class: "token-made", hidden: true });
+  #madeId; // of the token shown there
   #body = h("tbody");
   #rows = new KeyedRows(
     this.#body,
@@ -149,7 +150,8 @@ export class TokensPage {
   }
 
   /** Shows a new token; this is the only time that it is visible. */
-  #show({ name, token }) {
+  #show({ id, name, token }) {
+    this.#madeId = id;
     const shown = h("input", {
       readonly: true,
       value: token,
@@ -185,6 +187,7 @@ export class TokensPage {
     const words = own ? "This ends your session." : "Clients that use it lose access.";
     if (!confirm(`Revoke token “${name}”? ${words}`)) return;
     const response = await api.settle(api.revokeToken(id));
+    if (id === this.#madeId && !(response instanceof Error)) this.#hide();
     this.#showStatus(
       response instanceof Error ? "bad" : "good",
       response instanceof Error ? `Revoking failed: ${response.message}.` : `Token “${name}” revoked.`,
