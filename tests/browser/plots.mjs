@@ -198,10 +198,10 @@ export const CHECKS = {
       assert.ok(greatest > 5 && greatest < 10 && range[1] > 10, `${greatest}, axis to ${range[1]}`);
       assert.ok(range[1] < 30, `axis to ${range[1]}`);
       assert.deepEqual(await page.locator('[data-plot="trends"] .legend li').allTextContents(), [
-        "zone A, to 10 mm/s",
-        "zone B, to 20 mm/s",
-        "zone C, to 40 mm/s",
-        "zone D, above 40 mm/s",
+        "Zone A, up to 10 mm/s",
+        "Zone B, up to 20 mm/s",
+        "Zone C, up to 40 mm/s",
+        "Zone D, above 40 mm/s",
       ]);
       await close(opened, `${name} ${colorScheme}${scale}`);
     }

@@ -187,6 +187,7 @@ export class AlarmDetail {
     }
     const until = action === "shelve" ? this.#end() : undefined;
     if (until === null) return this.#showStatus("bad", "Enter the time until which to shelve the alarm.");
+    if (Date.parse(until) <= Date.now()) return this.#showStatus("bad", "Choose a time in the future.");
     storeName(by);
     const id = this.#id;
     this.#isActing = true;

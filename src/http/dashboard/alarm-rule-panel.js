@@ -230,11 +230,14 @@ export class AlarmRulePanel {
     const base = `On the ${some(records, "record")} of channel ${this.#channel}${without}`;
     const raised = warnings + dangers;
     if (raised === 0) return `${base}, this rule would have raised no alarm.`;
+    const kinds = [warnings && some(warnings, "warning"), dangers && some(dangers, "danger")]
+      .filter(Boolean)
+      .join(" and ");
     const first = changes.find((change) => change.severity);
     const at = first
       ? ` first at ${clock(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};`
       : "";
-    return `${base}, this rule would have raised ${some(raised, "alarm")}: ${some(warnings, "warning")} and ${some(dangers, "danger")},${at} ${severity ?? "no alarm"} after the last record.`;
+    return `${base}, this rule would have raised ${some(raised, "alarm")} (${kinds}),${at} ${severity ?? "no alarm"} after the last record.`;
   }
 
   async #submit(event) {

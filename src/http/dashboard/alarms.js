@@ -144,7 +144,7 @@ export class AlarmsPage {
       setText(
         this.#notice,
         show === ""
-          ? "Nothing to do: all alarms are acknowledged."
+          ? "Nothing to do: no unacknowledged alarms."
           : show === "all"
             ? "No alarm has been raised yet."
             : "No alarms in this state.",

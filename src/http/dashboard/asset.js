@@ -127,6 +127,7 @@ export class AssetPage {
     const { summary } = asset;
     this.#hasMesh = Boolean(asset.gear);
     this.#trends.setMesh(this.#hasMesh);
+    if (!this.#data) this.#wear.element.hidden = !asset.gear?.pair; // until it is drawn
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
     const latest = await settle(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) {

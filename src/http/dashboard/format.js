@@ -199,8 +199,9 @@ const ABSENCES = {
   other_line: "overlaps a line of a shaft or of another part of a bearing",
 };
 
-/** Describes why an indicator is missing. */
-export function absence(reason) {
+/** Describes why an indicator of a record with this unit is missing. */
+export function absence(reason, unitName) {
+  if (reason === "not_acceleration" && !unit(unitName)) return "no unit given";
   return ABSENCES[reason] ?? reason.replaceAll("_", " ");
 }
 

@@ -324,7 +324,7 @@ export class ImportDesk {
     const { size } = this.#batch;
     if (
       !confirm(
-        `Delete the ${records(size)} of this import? The wear history is then recomputed without them.`,
+        `Delete the ${records(size)} of this import? The wear history is then recomputed without ${size === 1 ? "it" : "them"}.`,
       )
     )
       return;

@@ -86,7 +86,7 @@ export class LibraryPage {
     },
     CHOICES.map((name) => h("option", { value: name }, indicatorName(name))),
   );
-  #curve = new PlotCard("grid", "Over the grid");
+  #curve = new PlotCard("grid", "Indicators vs wear depth");
   #stiffness = new PlotCard("stiffness", "Mesh stiffness");
   #transmission = new PlotCard("transmission", "Unloaded transmission error");
   #table = h("div", {
@@ -158,7 +158,7 @@ export class LibraryPage {
     const name = CHOICES.includes(this.#query.indicator) ? this.#query.indicator : "rms";
     this.#name.value = name;
     this.#title.textContent = library.pair_name || "Library";
-    this.#sub.textContent = `${library.states} states from unworn to ${depth(library.max_wear_um)} µm, contact rule ${library.contact}, ${library.pair.wear.shape} wear; library ${library.id}.`;
+    this.#sub.textContent = `${library.states} states from unworn to ${depth(library.max_wear_um)} µm, ${library.contact} contact, ${library.pair.wear.shape} wear; library ${library.id}.`;
     document.title = `${library.pair_name || library.id} · flankwatch`;
     drawPair(this.#gears, library.pair.geometry);
     this.#fillTable(rows, state.index, umPerRadian(library.pair.geometry));

@@ -5,6 +5,7 @@ import { lastingWords, unexplained } from "./match-words.js";
 import { palette } from "./plots.js";
 
 const DB = 20 / Math.LN10;
+const NOTABLE = 2; // novelty of one healthy record in a hundred
 
 /** Draws the features that deviate most, in dB: from the best wear state, or without a pair from the baseline. */
 export function noveltyDrawing(novelty, revision, hasPair) {
@@ -13,6 +14,9 @@ export function noveltyDrawing(novelty, revision, hasPair) {
     .filter(Boolean)
     .map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`)
     .join(" ");
+  const likely = probability > 0.99 ? "> 0.99" : number(probability, 2);
+  const causes =
+    score >= NOTABLE ? "Possible causes: a bearing fault, a loose mount, a changed load." : "This is usual.";
   const colour = palette();
   const names = largest.map(({ feature }) => featureName(feature));
   const decibels = largest.map(({ ln_ratio: ratio }) => ratio * DB);
@@ -44,7 +48,7 @@ export function noveltyDrawing(novelty, revision, hasPair) {
       ["db", decibels],
       ["standard_deviations", largest.map(({ deviations }) => deviations)],
     ],
-    sub: `Probability of such a record ${hasPair ? "in the best state" : "in the baseline"}: ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "Possible causes: a bearing fault, a loose mount, a changed load."}`,
+    sub: `Probability of such a record ${hasPair ? "in the best state" : "in the baseline"}: ${likely} (novelty ${number(score, 3)}). ${named || causes}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
     layout: {
       uirevision: revision,

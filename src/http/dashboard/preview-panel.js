@@ -87,7 +87,7 @@ export class PreviewPanel {
   #drawing = new PairDrawing();
   #flanks = new FlankCard("Worn flanks");
   #cards = {
-    harmonics: new PlotCard("harmonics", "Mesh harmonics, change to unworn"),
+    harmonics: new PlotCard("harmonics", "Mesh harmonics, change from unworn"),
     stiffness: new PlotCard("stiffness", "Mesh stiffness"),
     transmission: new PlotCard("transmission", "Transmission error"),
     waveform: new PlotCard("preview-waveform", "Expected vibration"),

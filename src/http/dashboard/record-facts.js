@@ -1,7 +1,7 @@
 // A record as text and figures, with those of a pinned record for comparison.
 
 import { h } from "./dom.js";
-import { absence, clock, count, hertz, indicatorName, number, span, unit } from "./format.js";
+import { absence, clock, count, hertz, indicatorName, number, recordLength, unit } from "./format.js";
 import { depthWords, transmissionWords } from "./state.js";
 
 const SHOWN = ["rms", "velocity_rms", "peak", "crest_factor", "kurtosis", "omx"];
@@ -15,12 +15,12 @@ export function recordWords(segment) {
   const load = torque == null ? "" : `, ${number(torque)} N·m`;
   const warmth = temperature == null ? "" : `, ${number(temperature)} °C`;
   const speed = segment.shaft_speed ? `, shaft ${hertz(segment.shaft_speed.shaft_speed_hz)}` : "";
-  return `Channel ${segment.channel}, ${length < 10 ? `${number(length, 3)} s` : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}${warmth}`;
+  return `Channel ${segment.channel}, ${recordLength(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}${warmth}`;
 }
 
 function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
   const value = indicators[name];
-  if (value == null) return h("span", { class: "muted" }, absence(absent[name] ?? "absent"));
+  if (value == null) return h("span", { class: "muted" }, absence(absent[name] ?? "absent", unitName));
   if (BEARING_RATIO.test(name)) return `${number(value, 3)} ×`;
   return `${number(value)} ${UNITS[name] ?? unit(unitName)}`.trim();
 }

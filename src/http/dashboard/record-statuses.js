@@ -8,11 +8,11 @@ export const STATUSES = {
   collecting_baseline: ["Collecting baseline", "the record is part of the healthy baseline"],
   no_library: ["No gear pair", "no gear pair is defined, so wear is not estimated"],
   no_mesh: ["Like the baseline", "the machine has no gear mesh; the record matches the baseline"],
-  speed_in_doubt: ["Speed in doubt", "the lines do not fit the configured teeth and speed"],
+  speed_in_doubt: ["Speed uncertain", "the lines do not fit the configured teeth and speed"],
   awaiting_library: ["Awaiting library", "the library is still being simulated"],
   provisional: ["Provisional", "a first estimate from part of the library; the final one follows"],
   library_failed: ["Library failed", "the library could not be simulated"],
-  no_features: ["No features", "the record has no features to compare"],
+  no_features: ["Not usable", "the record has nothing to compare with the baseline"],
   not_comparable: [
     "Not comparable",
     "too short or sampled too slowly for its baseline, or far from the configured speed or torque",
@@ -23,6 +23,9 @@ export const STATUSES = {
   recomputing: ["Recomputing", "earlier records are being recomputed"],
   excluded: ["Excluded", "the record is not used for the baseline, the estimate or alarms"],
 };
+
+/** Statuses of records that change neither the baseline nor the estimate. */
+export const UNUSED = ["no_features", "not_comparable", "speed_in_doubt", "sensor_fault"];
 
 /** A record's status, or its wear depth if there is one. */
 export function statusWords({ status, median_um: median, low_um: low, high_um: high }) {

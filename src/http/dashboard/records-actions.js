@@ -159,7 +159,7 @@ export class RecordActions {
     const { all } = this.#selection();
     const agree = (found) =>
       confirm(
-        `Delete ${all ? `all ${records(found)} that match` : records(found)}? The history is then recomputed without them. Their raw recordings are moved to quarantine.`,
+        `Delete ${all ? `all ${records(found)} that match` : records(found)}? The history is then recomputed without ${found === 1 ? "it. Its raw recording is" : "them. Their raw recordings are"} moved to quarantine.`,
       );
     const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted, {
       gone: true,

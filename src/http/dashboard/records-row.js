@@ -3,7 +3,7 @@
 import { address } from "./api.js";
 import { h } from "./dom.js";
 import { clock, figure, hertz, recordLength, speedDoubt, speedSource, unit } from "./format.js";
-import { statusMeaning, statusWords } from "./record-statuses.js";
+import { statusMeaning, statusWords, UNUSED } from "./record-statuses.js";
 import { format } from "./route.js";
 
 export const HEADINGS = [
@@ -27,7 +27,8 @@ function remark(speed) {
 /** Whether and how a record is used in its history. */
 function part({ excluded, wear }) {
   if (excluded) return "excluded";
-  return wear.status === "collecting_baseline" ? "baseline" : "yes";
+  if (wear.status === "collecting_baseline") return "baseline";
+  return UNUSED.includes(wear.status) ? "no" : "yes";
 }
 
 /** The row of a record; `onToggle(checked, withShift)` is called when its selection changes. */

@@ -82,7 +82,7 @@ export const SETUP_GROUPS = [
         factor: 0.01,
         hint: "5",
       },
-      { path: "shaft.speed_is_exact", label: "Nominal shaft speed is exact", kind: "check" },
+      { path: "shaft.speed_is_exact", label: "Speed is fixed (do not search)", kind: "check" },
       ...pair([
         {
           path: "gear.pair.operation.torque_nm",
@@ -256,7 +256,7 @@ export const SETUP_GROUPS = [
         { path: "points.0.calibration_due", label: "Calibration due", kind: "date" },
         {
           path: "sensor.of",
-          label: "Uses the sensor of asset",
+          label: "Shares the sensor of",
           kind: "text",
           hint: "that asset's id",
         },
@@ -272,7 +272,7 @@ export const SETUP_GROUPS = [
           factor: 0.01,
           hint: "5",
         },
-        { path: "gear.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
+        { path: "gear.speed_is_exact", label: "Speed is fixed (do not search)", kind: "check" },
         { path: "stream.record_s", label: "Live streams: record length", unit: "s", hint: "10" },
         {
           path: "stream.interval_s",

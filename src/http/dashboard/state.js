@@ -32,11 +32,18 @@ export const STATES = {
     title: "too short or sampled too slowly for its baseline, or far from the configured speed or torque",
   },
   speed_in_doubt: {
-    word: "Speed in doubt",
-    short: "Speed in doubt",
+    word: "Speed uncertain",
+    short: "Speed uncertain",
     severity: "unsure",
     namur: "specification",
     title: "the lines do not fit the configured teeth and speed",
+  },
+  unusable: {
+    word: "Record not usable",
+    short: "Not usable",
+    severity: "unsure",
+    namur: "specification",
+    title: "the latest record has nothing to compare with the baseline",
   },
   unclear: {
     word: "Not identifiable",
@@ -82,6 +89,7 @@ export function wearState(wear, limits) {
   if (wear.status === "library_failed") return "library_failed";
   if (wear.status === "sensor_fault") return "sensor";
   if (wear.status === "outside_library") return "outside";
+  if (wear.status === "no_features") return "unusable";
   if (wear.status !== "estimated") return "unclear";
   const { warning_um: warning, danger_um: danger } = limits ?? {};
   if (danger != null && wear.median_um >= danger) return "danger";
@@ -181,8 +189,7 @@ export function sentence(wear, limits, hasPair = true, hasMesh = true) {
     return "This record is excluded from the baseline, the estimate and alarms.";
   if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
   if (wear.status === "speed_in_doubt") return ended(`This record is not used: ${wear.reason}`);
-  if (wear.status === "no_features")
-    return `This record has no features to compare with the library: ${wear.reason}.`;
+  if (wear.status === "no_features") return `The record cannot be judged: ${wear.reason}.`;
   if (wear.status === "sensor_fault")
     return `The record cannot be judged: ${wear.reason}. Check the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear, hasPair);

@@ -34,7 +34,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
   const ends = [bottom / BEYOND, ...limits, BEYOND * Math.max(top, limits[2])];
   const yref = `y${suffix}`;
   const height = (value) => (logarithmic ? Math.log10(value) : value);
-  const bounds = ["to", "to", "to", "above"];
+  const bounds = ["up to", "up to", "up to", "above"];
   return {
     shapes: ZONES.map(([zone, name], index) => ({
       name: `zone ${zone}`,
@@ -65,7 +65,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
     entries: ZONES.map(([zone, name], index) => [
       "band",
       translucent(colour[name], 2 * OPACITY),
-      `zone ${zone}, ${bounds[index]} ${number(limits[Math.min(index, 2)], 3)} mm/s`,
+      `Zone ${zone}, ${bounds[index]} ${number(limits[Math.min(index, 2)], 3)} mm/s`,
     ]),
   };
 }
