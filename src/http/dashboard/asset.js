@@ -174,6 +174,7 @@ export class AssetPage {
   }
 
   async #fetch(asset, latest, channel, signal) {
+    const { summary } = asset;
     const id = this.#query.segment ?? latest.segment_id;
     const panes = this.#trends.chosen();
     // A record that was refused is not requested again on every update
@@ -207,7 +208,10 @@ export class AssetPage {
     const { pin } = this.#query;
     const pinnedRecord = pin ? settle(api.segment(pin, signal)) : null;
     const panesOf = (of, known) =>
-      fetchPanes(of, this.#query, signal, { noAngle: async () => angleAbsence(await known, asset) });
+      fetchPanes(of, this.#query, signal, {
+        bearings: summary.bearing_orders,
+        noAngle: async () => angleAbsence(await known, asset),
+      });
     const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
       record,
       known?.panes ?? panesOf(id, record),

@@ -6,6 +6,9 @@ import { savePicture } from "./picture.js";
 import { discard, draw, keepFitted, legend, moveLast, activate } from "./plots.js";
 import { inLight } from "./theme.js";
 
+/** Stands in for a plot that is being fetched. */
+export const LOADING = "Loading…";
+
 /** A figure that holds one plot. */
 export class PlotCard {
   plot = h("div", { class: "plot" });
@@ -15,7 +18,7 @@ export class PlotCard {
   #title = h("h2");
   #sub = h("p", { class: "muted plot-sub" });
   #legend = h("ul", { class: "legend" });
-  #notice = h("p", { class: "notice plot-notice" }, "Loading…");
+  #notice = h("p", { class: "notice plot-notice waiting" }, LOADING);
   #table;
   #filename = "flankwatch";
   #make;
@@ -130,6 +133,7 @@ export class PlotCard {
     this.#save.hidden = true;
     this.#notice.hidden = false;
     setText(this.#notice, words);
+    this.#notice.classList.toggle("waiting", words === LOADING);
     setText(this.#sub, "");
     setChildren(this.#legend);
   }

@@ -9,6 +9,7 @@ import { posteriorDrawing } from "./posterior-plot.js";
 import {
   envelopeDrawing,
   envelopeParts,
+  isNear,
   ofOrders,
   overOrders,
   spectrumDrawing,
@@ -62,7 +63,7 @@ async function envelope(
   id,
   query,
   signal,
-  { points = POINTS, band = null, envelopeOverOrders = false } = {},
+  { points = POINTS, band = null, envelopeOverOrders = false, bearings = {} } = {},
 ) {
   const inHertz = (...range) => api.envelope(id, ...range, signal, band);
   const first = await inHertz(null, null, points);
@@ -73,7 +74,7 @@ async function envelope(
   const ask = envelopeOverOrders
     ? async (from, to, most) => overOrders(await inHertz(from * shaft, to * shaft, most), shaft)
     : inHertz;
-  const { part, read } = envelopeParts(whole, query.near === "1");
+  const { part, read } = envelopeParts(whole, isNear(query, bearings), bearings);
   const cursor = cursorOf(query, whole, "ecursor");
   return withFineLines(whole, partOf(query.eband) ?? part, cursor ? readByCursor(cursor, whole) : read, ask);
 }
@@ -123,10 +124,12 @@ export const PANES = [
     key: "envelope",
     label: "Envelope spectrum",
     fetch: envelope,
-    draw: (layers, { asset, view, revision }) =>
-      layers[0].data.frequency_hz.length
-        ? envelopeDrawing(layers, machineLines(asset), { ...view, part: view.envelopePart }, revision)
-        : "The record is too short for a spectrum.",
+    draw: (layers, { asset, view, query, revision }) => {
+      const shown = { ...view, part: view.envelopePart, isMarked: query.ecursor === "b" };
+      return layers[0].data.frequency_hz.length
+        ? envelopeDrawing(layers, machineLines(asset), shown, revision)
+        : "The record is too short for a spectrum.";
+    },
   },
   {
     key: "turn",
@@ -158,7 +161,7 @@ export function shownPanes(query) {
  * @param {string} id
  * @param {Record<string, string>} query
  * @param {AbortSignal} [signal]
- * @param {{ points?: number, band?: number[], envelopeOverOrders?: boolean, noAngle?: () => Promise<string | null> }} [options] points of a spectrum, the band of the envelope, and why the record has no shaft angle
+ * @param {{ points?: number, band?: number[], envelopeOverOrders?: boolean, bearings?: object, noAngle?: () => Promise<string | null> }} [options] points of a spectrum, the band of the envelope, the machine's bearings, and why the record has no shaft angle
  * @returns {Promise<Record<string, any>>}
  */
 export async function fetchPanes(id, query, signal, options) {

@@ -11,12 +11,13 @@ import { clock } from "./format.js";
 import { selectedAndPinned } from "./layers.js";
 import { LineTable } from "./line-table.js";
 import { recordOrigin, recordSubject } from "./plot-subjects.js";
-import { PlotCard } from "./plot-card.js";
+import { LOADING, PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
 import { GearChoice } from "./gear-choice.js";
 import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
+import { isNear } from "./spectrum-plot.js";
 import { SpectrumAids } from "./spectrum-aids.js";
 import { SpectrumTools } from "./spectrum-tools.js";
 
@@ -60,8 +61,8 @@ export class RecordView {
       onchange: () => change({ near: this.#near.value, eband: null }, { quiet: true }),
     },
     [
-      ["", "Whole band"],
-      ["1", "Lines of the shafts"],
+      ["0", "Whole band"],
+      ["1", "Shaft and bearing lines"],
     ].map(([value, text]) => h("option", { value }, text)),
   );
   #gear = new GearChoice();
@@ -165,11 +166,12 @@ export class RecordView {
     const hasPair = Boolean(asset.gear?.pair);
     const keys = shownPanes(query).filter((key) => key !== "posterior" || hasPair);
     this.#chips.get("posterior").hidden = !hasPair;
-    this.#near.value = query.near === "1" ? "1" : "";
+    const near = isNear(query, asset.summary.bearing_orders ?? {});
+    this.#near.value = near ? "1" : "0";
     this.#gear.show(query, asset.gear?.teeth, Boolean(asset.gear));
     const view = {
       ...this.#tools.update(panes.spectrum, query, firstBearing(asset), Boolean(asset.gear)),
-      near: query.near === "1",
+      near,
       part: partOf(query.band),
       envelopePart: partOf(query.eband),
     };
@@ -221,7 +223,7 @@ export class RecordView {
     const card = this.#cards.get(key);
     if (context.segment instanceof Error) return card.showNotice("No record to display.");
     if (data instanceof Error) return card.showNotice(data.message);
-    if (fetch && !data) return card.showNotice("Loading…");
+    if (fetch && !data) return card.showNotice(LOADING);
     const { segment, pinned } = context;
     const make = () => {
       const drawing = draw(selectedAndPinned(data, other), context);

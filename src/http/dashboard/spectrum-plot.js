@@ -288,17 +288,28 @@ export function spectrumDrawing(
   };
 }
 
-const NEAR_SHAFTS = 6; // shaft rates in the zoomed view
+const NEAR_SHAFTS = 6; // shaft rates in the zoomed view, or more:
+const NEAR_FAULTS = 1.5; // times the highest fault frequency of a bearing
+const CONSTANT_LINES = 3; // at 0 Hz, which show no modulation
 const ENVELOPE_MESH_LINES = 3;
+
+/** Whether an envelope is shown near its lines: as the address says, by default if there are bearings. */
+export const isNear = ({ near }, bearings) => (near ? near === "1" : Object.keys(bearings).length > 0);
+
+/** The end of the view near the lines of shafts and bearings. */
+function nearEnd(shaft, bearings) {
+  const faults = Object.values(bearings).flatMap((orders) => BEARING_LINES.map(([key]) => orders[key]));
+  return shaft * Math.max(NEAR_SHAFTS, NEAR_FAULTS * Math.max(0, ...faults));
+}
 
 /**
  * The displayed range `[from, to]` of an envelope spectrum, null for all of it; and the range of its marked
  * lines.
  */
-export function envelopeParts(spectrum, near) {
+export function envelopeParts(spectrum, near, bearings) {
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step } = spectrum;
   return {
-    part: near && shaft ? [0, NEAR_SHAFTS * shaft] : null,
+    part: near && shaft ? [0, nearEnd(shaft, bearings)] : null,
     read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null,
   };
 }
@@ -368,11 +379,17 @@ function sharedLabels(points, [from, to]) {
 }
 
 /**
- * Draws the envelope spectra of records, `near` the shaft lines or whole; `teeth` are those of the driving
- * and driven gear, if any, `bearings` fault orders by name, both of the first record's machine.
+ * Draws the envelope spectra of records, `near` the lines of shafts and bearings or whole; `teeth` are those of the driving
+ * and driven gear, if any, `bearings` fault orders by name, both of the first record's machine; a cursor may
+ * have marked the bearings' lines.
  * @param {import("./layers.js").Layer[]} layers
  */
-export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part, note = "" }, revision) {
+export function envelopeDrawing(
+  layers,
+  { teeth, bearings },
+  { scale, near, part, isMarked = false, note = "" },
+  revision,
+) {
   const colour = palette();
   const [{ data: envelope }, ...others] = layers;
   const axis = axisOf(envelope);
@@ -382,10 +399,10 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     band_source: source,
   } = envelope;
   const whole = Math.min(envelope.frequency_hz.at(-1), (high - low) / (envelope.hertz_per_unit ?? 1));
-  const end = near && shaft && !part ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
+  const end = near && shaft && !part ? Math.min(whole, nearEnd(shaft, bearings)) : whole;
   const range = part ?? [0, end];
   if (scale === "change") return changeDrawing(layers, axis, range, note, revision);
-  const lines = shaft ? knownLines(shaft, teeth, bearings) : [];
+  const lines = shaft ? knownLines(shaft, teeth, isMarked ? {} : bearings) : [];
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
@@ -396,6 +413,8 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
         words: `${point.name}: ${axis.format(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
       };
     });
+  const kinds = [...new Set(points.map(({ kind }) => kind))];
+  const judged = [Math.max(range[0], CONSTANT_LINES * envelope.resolution_hz), range[1]];
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
     traces: [line(layers[0], scale), marks(points, colour, scale)],
@@ -404,7 +423,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     legend: [
       ...recordEntries(layers),
       ...(points.length
-        ? [["diamond", colour.reference, `lines of the shafts (${axis.format(shaft)}) and related lines`]]
+        ? [["diamond", colour.reference, `lines of ${kinds.join(", ")}; shaft ${axis.format(shaft)}`]]
         : []),
     ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.${note}`,
@@ -418,7 +437,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
         range,
         uirevision: `${revision} ${range}`,
       },
-      yaxis: axisOfAmplitudes(layers, range, scale, `${revision} ${range}`),
+      yaxis: axisOfAmplitudes(layers, judged, scale, `${revision} ${range}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       annotations: sharedLabels(
         points.filter(({ frequency_hz: x }) => x >= range[0] && x <= range[1]),
