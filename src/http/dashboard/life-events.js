@@ -104,6 +104,7 @@ export function wordsAt({ alarms }) {
 }
 
 const SYMBOLS = { danger: ["octagon", "danger"], warning: ["square", "warning"] };
+const LABEL = 0.03; // width of a label along the line of an event, as a fraction of the plot
 const STRIP_PX = 8; // from the plot's upper edge to the middle of a mark
 
 /** A small mark above the plot at a time. */
@@ -156,15 +157,23 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
     shapes.push(...some.map(({ change }) => mark(change.time, name, colour[ink])));
   }
   shapes.push(...events.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
-  for (const { time, kind } of events)
+  // Events too close for a label each share one
+  const groups = [];
+  for (const event of events.toSorted((a, b) => Date.parse(a.time) - Date.parse(b.time))) {
+    const before = groups.at(-1)?.[0].time;
+    if (before && Date.parse(event.time) - Date.parse(before) < LABEL * (last - first))
+      groups.at(-1).push(event);
+    else groups.push([event]);
+  }
+  for (const group of groups)
     annotations.push({
-      x: time,
+      x: group[0].time,
       yref: "paper",
       y: 0.98,
       yanchor: "top",
       xanchor: "right",
       textangle: -90,
-      text: maintenanceWord(kind),
+      text: [...new Set(group.map(({ kind }) => maintenanceWord(kind)))].join(", "),
       showarrow: false,
       font: { color: colour.reference },
     });
