@@ -13,7 +13,7 @@ import { instant, written, zoneName } from "./time-zone.js";
 
 const PAGE = 100;
 
-const typed = (time) => (time ? written(time).slice(0, 19) : "");
+const typed = (time) => (isNaN(Date.parse(time)) ? "" : written(time).slice(0, 19));
 const meant = (text) => (text ? instant(text) : null);
 
 /** The table of one asset's records. */

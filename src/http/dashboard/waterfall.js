@@ -16,7 +16,11 @@ import { waterfallDrawing } from "./waterfall-plot.js";
 
 const AGAIN_MS = 15_000; // spectra over a life change slowly
 const RECORDS = 600;
-const CELLS = 500;
+const MAX_CELLS = 500;
+const CELLS_PER_PX = 0.7; // about those beside the axis
+
+/** No more cells than pixels: a narrow plot would drop the lines between them. */
+const cellsOf = () => Math.min(MAX_CELLS, Math.floor(CELLS_PER_PX * innerWidth * devicePixelRatio));
 
 /** The waterfall of one asset. */
 export class WaterfallPage extends FramedPage {
@@ -98,7 +102,7 @@ export class WaterfallPage extends FramedPage {
     if (asked === this.#asked && same) return;
     if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
     const response = await api.settle(
-      api.waterfall(this.id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
+      api.waterfall(this.id, { axis, max, channel, max_records: RECORDS, cells: cellsOf() }, signal),
     );
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
