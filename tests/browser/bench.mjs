@@ -413,13 +413,15 @@ export const CHECKS = {
         .filter(({ hz, n }) => hz >= 1000 && hz <= 3000 && y[n] > y[n - 1] && y[n] >= y[n + 1])
         .sort((a, b) => b.height - a.height)
         .slice(0, 5);
-      expected.forEach(({ hz, height, n }, row) => {
+      expected.forEach(({ hz, height }, row) => {
         const [, frequency, order, amplitude, level] = shown[5 * index + row];
         assert.equal(frequency, hz.toFixed(2));
         assert.equal(order, (hz / shaft).toFixed(3));
         assert.equal(Number(amplitude), Number(height.toPrecision(4)));
         if (index === 0) return assert.equal(level, "–");
-        const reference = Math.max(...first.amplitude.slice(n - 1, n + 2));
+        // the speeds differ a little, so the line of the same order is at another frequency
+        const place = Math.round((hz * first.shaft_speed_hz) / shaft / first.resolution_hz);
+        const reference = Math.max(...first.amplitude.slice(place - 1, place + 2));
         assert.ok(
           Math.abs(Number(level.replace("−", "-")) - 20 * Math.log10(height / reference)) < 0.06,
           level,

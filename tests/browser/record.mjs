@@ -10,6 +10,7 @@ import {
   open,
   overviewDrawn,
   parameters,
+  plotOf,
   recordShown,
   removeAsset,
   sendNoise,
@@ -30,6 +31,9 @@ export const CHECKS = {
     await drawn(page, "envelope");
     const bearing = page.getByRole("combobox", { name: "Bearing", exact: true });
     assert.ok(await bearing.isHidden());
+    const [, end] = await plotOf(page, "envelope").evaluate((plot) => plot._fullLayout.xaxis.range);
+    const highest = orders.bpfi * speed.shaft_speed_hz;
+    assert.ok(end > 1.2 * highest && end < 2 * highest, `the bearing's lines fill the plot: to ${end} Hz`);
     await page.getByLabel("Cursor of the envelope").selectOption("b");
     // the asset's own bearing comes first
     const expected = orders.bpfo * speed.shaft_speed_hz;

@@ -5,7 +5,10 @@ import { palette } from "./plots.js";
 /**
  * `pointed` precedes hover text, `prefix` precedes column headings. A record with `isNamed` is in the legend
  * even if it is the only one. `speed` is the shaft speed in Hz if it is certain, `start` the start time.
- * @typedef {{ data: any, colour: string, name: string, pointed: string, prefix: string, isNamed?: boolean, speed?: number, start?: string }} Layer
+ * @typedef {{
+ *   data: any, colour: string, name: string, pointed: string, prefix: string,
+ *   isNamed?: boolean, speed?: number, start?: string,
+ * }} Layer
  */
 
 /**
