@@ -290,7 +290,7 @@ export function spectrumDrawing(
 
 const NEAR_SHAFTS = 6; // shaft rates in the zoomed view, or more:
 const NEAR_FAULTS = 1.5; // times the highest fault frequency of a bearing
-const CONSTANT_LINES = 3; // at 0 Hz, which show no modulation
+const SLOW = 0.25; // of the shaft speed: a line below it, as at 0 Hz, is none of the machine's
 const ENVELOPE_MESH_LINES = 3;
 
 /** Whether an envelope is shown near its lines: as the address says, by default if there are bearings. */
@@ -308,9 +308,11 @@ function nearEnd(shaft, bearings) {
  */
 export function envelopeParts(spectrum, near, bearings) {
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step } = spectrum;
+  const end = shaft ? nearEnd(shaft, bearings) : 0;
+  const marked = Math.max(end, ENVELOPE_MESH_LINES * (mesh ?? 0));
   return {
-    part: near && shaft ? [0, nearEnd(shaft, bearings)] : null,
-    read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null,
+    part: near && end ? [0, end] : null,
+    read: marked ? [0, marked + 2 * step] : null,
   };
 }
 
@@ -414,7 +416,7 @@ export function envelopeDrawing(
       };
     });
   const kinds = [...new Set(points.map(({ kind }) => kind))];
-  const judged = [Math.max(range[0], CONSTANT_LINES * envelope.resolution_hz), range[1]];
+  const judged = [Math.max(range[0], SLOW * (shaft ?? 0)), range[1]];
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
     traces: [line(layers[0], scale), marks(points, colour, scale)],
