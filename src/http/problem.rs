@@ -302,7 +302,9 @@ impl From<ServiceError> for Problem {
         match error {
             ServiceError::Store(error) => error.into(),
             ServiceError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
-            ServiceError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
+            ServiceError::DescriptionChanged(_) | ServiceError::UnitChosen { .. } => {
+                Self::busy(error.to_string(), 1)
+            }
             ServiceError::Precondition(_) => Self::new(StatusCode::PRECONDITION_FAILED, error.to_string()),
             ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
                 Self::new(StatusCode::CONFLICT, error.to_string())

@@ -50,6 +50,16 @@ pub enum ServiceError {
     /// The asset's description changed repeatedly while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),
+    /// The first record of a channel, in another unit, was stored while this one was analysed.
+    #[error(
+        "the first record of channel {channel:?} is in {unit}, and was stored at the same time: try again"
+    )]
+    UnitChosen {
+        /// The channel.
+        channel: String,
+        /// Its unit from then on.
+        unit: String,
+    },
     /// An asset does not meet the precondition of a request.
     #[error("asset {0} has changed: its description does not match the precondition of the request")]
     Precondition(AssetId),

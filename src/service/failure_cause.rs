@@ -18,7 +18,9 @@ impl ServiceError {
     /// The cause of a failure to process a record.
     pub fn cause(&self) -> FailureCause {
         match self {
-            Self::Busy { .. } | Self::DescriptionChanged(_) | Self::File { .. } => FailureCause::External,
+            Self::Busy { .. } | Self::DescriptionChanged(_) | Self::UnitChosen { .. } | Self::File { .. } => {
+                FailureCause::External
+            }
             // The next attempt takes the stream back, and continues where the other sender stopped.
             Self::StreamTaken | Self::StreamHeld { .. } => FailureCause::External,
             // Errors of a database, an object store or a network do not prove that a record is at fault.

@@ -12,6 +12,7 @@ use super::fold::{FoldInput, Folded, states_to_store, while_recomputing};
 use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
+use crate::service::record::units_conflict;
 use crate::service::simulations::KeyedEstimator;
 use crate::store::{
     AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, NewSegment, RunResult, SegmentKey,
@@ -66,6 +67,7 @@ impl History {
         if new.values().any(|segment| segment.analysed.keys != wanted) {
             return Err(ServiceError::DescriptionChanged(asset.spec.id.clone()));
         }
+        self.check_units(asset, &channel, &new, &mut cache).await?;
         if channel.segments == 0 {
             // The first records of a channel are folded under the current keys.
             let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
@@ -90,6 +92,36 @@ impl History {
             None => Fold::while_recomputing(asset, &new),
         };
         Ok(Appended { asset, channel, new, cache, keys, fold })
+    }
+
+    /// Checks that new segments have the unit of their channel: until its first record is stored, others may
+    /// have been identified without knowing it.
+    async fn check_units(
+        &self,
+        asset: &Asset,
+        channel: &ChannelSummary,
+        new: &BTreeMap<SegmentKey, NewSegment>,
+        cache: &mut ChannelCache,
+    ) -> Result<(), ServiceError> {
+        let Some(first) = new.values().next() else { return Ok(()) };
+        if asset.spec.sensor.of.is_some() {
+            // They have the units of the other asset.
+            return Ok(());
+        }
+        cache.validate(Revisions::of(asset, (channel.segments > 0).then_some(channel)));
+        let unit = match cache.unit.take() {
+            Some(unit) => unit,
+            None => {
+                let stored = self.folding.store.latest_unit(channel).await?;
+                stored.unwrap_or_else(|| first.unit.clone())
+            }
+        };
+        let conflict = new.values().find(|segment| units_conflict(&segment.unit, &unit));
+        cache.unit = Some(unit.clone());
+        match conflict {
+            Some(_) => Err(ServiceError::UnitChosen { channel: channel.channel.clone(), unit }),
+            None => Ok(()),
+        }
     }
 
     async fn fold_in(

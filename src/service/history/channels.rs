@@ -37,7 +37,9 @@ pub(crate) struct ChannelCache {
     pub(crate) states: Option<RecentStates>,
     /// The timeline; `None` until it is needed, or if it is outdated.
     pub(crate) timeline: Option<Arc<Timeline>>,
-    /// The revisions at which both were read.
+    /// The unit of the stored records; `None` until it is needed.
+    pub(crate) unit: Option<String>,
+    /// The revisions at which these were read.
     revisions: Option<Revisions>,
 }
 

@@ -60,7 +60,7 @@ use super::error::ServiceError;
 use super::raw::{RawObjects, UncommittedObjects};
 use super::record::{
     ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_repeat,
-    check_time, decode_upload, identify_upload, known_to_all, raw_bytes,
+    check_time, decode_upload, identify_upload, known_to_all, raw_bytes, with_unit,
 };
 use super::record_counts::{RecordCounts, RecordOutcome};
 use super::sensor_group::{SensorGroup, described};
@@ -75,8 +75,9 @@ pub(crate) use read_ahead::{ReadBatch, RecordStream};
 pub(crate) use recording::RecordedBatch;
 pub use summary::{BatchSummary, Refused};
 
-/// Maximum number of times that a record is analysed because its asset's description changes in the meantime.
-const MAX_ANALYSES: u32 = 5;
+/// Maximum number of times that a record is analysed because its asset's description or the unit of its channel
+/// changes in the meantime.
+const MAX_TRIES: u32 = 5;
 
 /// The outcome of an accepted record.
 #[derive(Debug)]
@@ -160,7 +161,13 @@ impl Pipeline {
         let (pipeline, asset) = (Arc::clone(self), asset.clone());
         let upload = async move {
             let _ticket = ticket;
-            let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
+            let mut tries = 1;
+            let accepted = loop {
+                match pipeline.take_upload(&asset, format, bytes.clone(), metadata.clone()).await {
+                    Err(ServiceError::UnitChosen { .. }) if tries < MAX_TRIES => tries += 1,
+                    accepted => break accepted,
+                }
+            };
             if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
                 pipeline.record_counts.count(RecordOutcome::Refused, 1);
             }
@@ -236,7 +243,8 @@ impl Pipeline {
         }
         let known = known_to_all(&self.store, std::slice::from_ref(metadata), &group.members).await?;
         let next = if known.is_empty() {
-            let record = self.identify_queued(metadata.clone()).await?;
+            let units = ChannelUnits::load(&self.store, &group.asset.spec).await?;
+            let record = self.identify_queued(metadata.clone(), units).await?;
             self.analyse(group.asset.spec, vec![record], NewRawBytes::default(), metadata.received_at).await?
         } else {
             NextStep::Nothing
@@ -352,11 +360,11 @@ impl Pipeline {
         mut segments: Vec<NewSegment>,
         received_at: Timestamp,
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
-        let mut analyses = 1;
+        let mut tries = 1;
         loop {
             self.simulations.wait_until_loaded(&spec).await;
             match self.committer.commit(&spec.id, segments).await {
-                Err(ServiceError::DescriptionChanged(_)) if analyses < MAX_ANALYSES => analyses += 1,
+                Err(ServiceError::DescriptionChanged(_)) if tries < MAX_TRIES => tries += 1,
                 done => return done,
             }
             spec = described(&self.store, &spec.id).await?.spec;
@@ -415,14 +423,21 @@ impl Pipeline {
         Ok(queued.collect())
     }
 
-    /// Reads a queued record from its raw bytes.
-    async fn identify_queued(&self, queued: RecordMetadata) -> Result<IdentifiedRecord, ServiceError> {
+    /// Reads a queued record from its raw bytes. The unit of its channel may be known only since it was queued.
+    async fn identify_queued(
+        &self,
+        queued: RecordMetadata,
+        units: ChannelUnits,
+    ) -> Result<IdentifiedRecord, ServiceError> {
         let bytes = raw_bytes(&self.store, &queued.raw.sha256).await?;
         let identify = move || {
             let record = StoredRecord::from(&queued).decode(&bytes)?;
-            let identified =
+            let (record, original_unit) = units.convert(record)?;
+            let mut identified =
                 IdentifiedRecord::new(&queued.asset_id, record, queued.raw, queued.reference_wear_um)?;
             if identified.id == queued.id {
+                // The identifier stays that of the queued record.
+                identified.raw.media_type = with_unit(identified.raw.media_type, original_unit.as_deref());
                 Ok(identified)
             } else {
                 Err(ServiceError::QueuedRecordMismatch { found: identified.id, expected: queued.id })

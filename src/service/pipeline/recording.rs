@@ -57,6 +57,7 @@ impl Pipeline {
             }
         });
         let mut summary = BatchSummary::default();
+        let mut learned = ChannelUnits::default();
         let mut before: Option<RecordedBatch> = None;
         loop {
             // While one batch waits for the disk, the next one is analysed.
@@ -78,7 +79,7 @@ impl Pipeline {
                 if batch.records.is_empty() {
                     return Ok(None);
                 }
-                let mut begun = self.begin_batch(asset, batch).await?;
+                let mut begun = self.begin_batch(asset, batch, &mut learned).await?;
                 first.join(begun.summary);
                 begun.summary = first;
                 Ok::<_, ServiceError>(Some(begun))
@@ -95,22 +96,25 @@ impl Pipeline {
     }
 
     /// Runs all steps up to the commit for a batch of records of one recording; invalid ones are listed in
-    /// its summary.
+    /// its summary. `learned` has the units of channels from earlier batches, and gets those of this one.
     pub(crate) async fn begin_batch(
         &self,
         asset: &AssetId,
         read: ReadBatch,
+        learned: &mut ChannelUnits,
     ) -> Result<RecordedBatch, ServiceError> {
         let ReadBatch { records, memory } = read;
         let group = SensorGroup::load(&self.store, asset).await?;
         let received_at = self.clock.now();
         let (mut units, latest) =
             (ChannelUnits::load(&self.store, &group.asset.spec).await?, self.latest(received_at));
+        units.extend(learned);
         for (_, recorded) in &records {
             if let Ok(recorded) = recorded {
                 units.learn_unit(&recorded.record);
             }
         }
+        learned.clone_from(&units);
         let identified = {
             let asset = asset.clone();
             let identify = move || {

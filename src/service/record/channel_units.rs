@@ -38,6 +38,14 @@ impl ChannelUnits {
         Ok(Self { by_channel, others: spec.sensor.unit.clone() })
     }
 
+    /// Adds what is known of other channels, from earlier records of the same recording that may not be stored
+    /// yet.
+    pub(crate) fn extend(&mut self, earlier: &Self) {
+        for (channel, unit) in &earlier.by_channel {
+            self.by_channel.entry(channel.clone()).or_insert_with(|| unit.clone());
+        }
+    }
+
     /// The known units by channel name.
     pub(crate) fn by_channel(&self) -> impl Iterator<Item = (String, String)> + '_ {
         let known = self.by_channel.iter().filter(|(_, unit)| *unit != UNKNOWN);
@@ -84,6 +92,12 @@ impl ChannelUnits {
         let fixed = record.in_unit(unit).map_err(RecordingError::from)?;
         Ok((fixed, (!is_same).then_some(original_unit)))
     }
+}
+
+/// Whether a channel cannot have records in both units. Once a unit is known, that of earlier records without
+/// one stays unknown.
+pub(crate) fn units_conflict(a: &str, b: &str) -> bool {
+    a != b && a != UNKNOWN && b != UNKNOWN
 }
 
 /// Checks the name of a unit.

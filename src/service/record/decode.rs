@@ -161,12 +161,7 @@ impl RecordFormat {
     pub(crate) fn stored_media_type(self, unit: Option<&str>) -> String {
         let has_others =
             matches!(self, Self::Csv(_) | Self::File(SampleFile { kind: SampleFileKind::Mat, .. }));
-        let mut media_type = self.media_type() + if has_others { VIBRATION } else { "" };
-        if let Some(unit) = unit {
-            media_type += UNIT;
-            media_type += unit;
-        }
-        media_type
+        with_unit(self.media_type() + if has_others { VIBRATION } else { "" }, unit)
     }
 
     /// The format of a media type, without parameters or as written by [`media_type`](Self::media_type).
@@ -209,6 +204,14 @@ impl RecordFormat {
             Err(foreign @ RecordingError::Foreign { .. }) => foreign,
             _ => error,
         })
+    }
+}
+
+/// Adds the original unit of converted samples to a stored media type that has none.
+pub(crate) fn with_unit(media_type: String, unit: Option<&str>) -> String {
+    match unit {
+        Some(unit) if !media_type.contains(UNIT) => media_type + UNIT + unit,
+        _ => media_type,
     }
 }
 

@@ -10,9 +10,9 @@ mod stored;
 
 pub(crate) use analyse::{analyse, analyse_all};
 pub use channel_names::ChannelNames;
-pub(crate) use channel_units::ChannelUnits;
+pub(crate) use channel_units::{ChannelUnits, units_conflict};
 pub use decode::{RecordFormat, SampleFile, SampleFileKind, UploadMetadata};
-pub(crate) use decode::{decode_upload, defaults_of};
+pub(crate) use decode::{decode_upload, defaults_of, with_unit};
 pub(crate) use identify::{
     IdentifiedRecord, check_repeat, check_time, identify_recorded, identify_upload, known_to_all,
 };

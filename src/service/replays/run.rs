@@ -11,6 +11,7 @@ use super::list::ReplayList;
 use crate::service::clock::Clock;
 use crate::service::error::ServiceError;
 use crate::service::pipeline::{BatchSummary, Pipeline, ReadBatch, RecordStream, RecordedBatch};
+use crate::service::record::ChannelUnits;
 use crate::service::replay::{Pace, Replay, ReplayState};
 
 /// Time between two saves of a running replay's progress.
@@ -37,6 +38,7 @@ impl Run {
         let mut summary = so_far(&replay);
         let seconds_before = summary.record_seconds;
         let mut first_start = None;
+        let mut learned = ChannelUnits::default();
         let mut saved = began;
         let mut before: Option<Box<RecordedBatch>> = None;
         let (asset, pace) = (replay.asset.clone(), replay.pace);
@@ -55,7 +57,8 @@ impl Run {
                 if batch.records.is_empty() {
                     return Ok(Next::End);
                 }
-                self.pipeline.begin_batch(&asset, batch).await.map(|batch| Next::Batch(Box::new(batch)))
+                let begun = self.pipeline.begin_batch(&asset, batch, &mut learned).await?;
+                Ok(Next::Batch(Box::new(begun)))
             };
             let store = async {
                 if before.is_none() {

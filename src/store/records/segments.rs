@@ -188,6 +188,16 @@ impl Store {
         rows.iter().map(|row| Ok((get(row, "name")?, get(row, "unit")?))).collect()
     }
 
+    /// The unit of the latest record of a channel; `None` before its first record.
+    pub async fn latest_unit(&self, channel: &ChannelSummary) -> Result<Option<String>, StoreError> {
+        let Some(last) = &channel.last_segment else { return Ok(None) };
+        let row = sqlx::query("SELECT unit FROM segments WHERE id = $1")
+            .bind(last.0.as_str())
+            .fetch_optional(self.read())
+            .await?;
+        row.map(|row| get(&row, "unit")).transpose()
+    }
+
     /// Returns the identifiers of segments that exist.
     pub async fn known_segments(&self, ids: &[SegmentId]) -> Result<HashSet<SegmentId>, StoreError> {
         let mut known = HashSet::new();
