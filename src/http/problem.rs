@@ -8,7 +8,6 @@ use crate::asset::AssetError;
 use crate::estimate::AlarmError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
-use crate::signal::RecordError;
 use crate::store::{FoundDamage, StoreError};
 
 /// The media type of problem details.
@@ -190,22 +189,10 @@ impl Problem {
     /// A recording that cannot be read.
     fn of_record(error: &RecordingError) -> Self {
         let problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, shortened(&error.to_string()));
+        if let Some((field, value, expected)) = error.invalid_field() {
+            return problem.with_field(field, value, &expected);
+        }
         match error {
-            RecordingError::Field { field, value, expected } => problem.with_field(field, value, expected),
-            RecordingError::Wav { field, value, expected } => problem.with_field(field, value, expected),
-            RecordingError::Content { field, value, expected, .. } => {
-                problem.with_field(field, value, expected)
-            }
-            RecordingError::Record(RecordError::OperatingPoint { field, value, expected }) => {
-                problem.with_field(field, value, expected)
-            }
-            RecordingError::Record(RecordError::SampleRate(_)) => {
-                let cause = problem.0.detail.clone();
-                problem.naming_field_in(&cause)
-            }
-            RecordingError::Record(RecordError::Unit { found, expected, .. }) => {
-                problem.with_field("unit", found, expected)
-            }
             RecordingError::Record(_) => problem.of_field("samples".to_owned()),
             RecordingError::Json { path, source, .. } => {
                 let cause = source.to_string();

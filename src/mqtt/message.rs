@@ -39,6 +39,9 @@ impl Message {
             );
             return Err(Rejection::new(413, detail));
         }
+        if publish.payload.is_empty() {
+            return Err(Rejection::new(422, "the message is empty, expected a record or a block"));
+        }
         let content_type =
             publish.properties.as_ref().and_then(|properties| properties.content_type.as_deref());
         Ok(Self {
@@ -62,7 +65,7 @@ impl Message {
             ..RecordDefaults::default()
         };
         let (first, record) = decode_indexed_block(&self.payload, encoding, &defaults)
-            .map_err(|error| Rejection::new(422, error.to_string()))?;
+            .map_err(|error| Rejection::of_record(&error))?;
         if record.start_time() == NO_TIME {
             return Err(Rejection::field(422, "start_time", "missing", "the time of the first sample"));
         }

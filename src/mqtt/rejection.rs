@@ -5,6 +5,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use crate::recording::RecordingError;
 use crate::service::{FailureCause, ServiceError};
 use crate::store::StoreError;
 
@@ -61,11 +62,25 @@ impl Rejection {
     /// Returns the rejection of a field's value.
     pub(super) fn field(status: u16, field: &str, value: &str, expected: &str) -> Self {
         let value: String = value.chars().take(MAX_VALUE).collect();
-        let mut rejection = Self::new(status, format!("{field} is {value}, expected {expected}"));
-        rejection.0.field = Some(field.to_owned());
-        rejection.0.value = Some(value);
-        rejection.0.expected = Some(expected.to_owned());
-        rejection
+        Self::new(status, format!("{field} is {value}, expected {expected}"))
+            .of_field(field, &value, expected)
+    }
+
+    /// Names the field, its value and what was expected.
+    fn of_field(mut self, field: &str, value: &str, expected: &str) -> Self {
+        self.0.field = Some(field.to_owned());
+        self.0.value = Some(value.chars().take(MAX_VALUE).collect());
+        self.0.expected = Some(expected.to_owned());
+        self
+    }
+
+    /// Returns the rejection of a message that cannot be decoded.
+    pub(super) fn of_record(error: &RecordingError) -> Self {
+        let rejection = Self::new(422, error.to_string());
+        match error.invalid_field() {
+            Some((field, value, expected)) => rejection.of_field(field, &value, &expected),
+            None => rejection,
+        }
     }
 
     /// Returns the reason in words.
@@ -108,16 +123,20 @@ impl From<ServiceError> for FailureAction {
             ServiceError::Field { field, value, expected } => {
                 return Self::Reject(Rejection::field(422, field, value, expected));
             }
+            ServiceError::Recording(source) => return Self::Reject(Rejection::of_record(source)),
+            ServiceError::StoredWith { field, value, stored } => {
+                return Self::Reject(Rejection::new(409, error.to_string()).of_field(field, value, stored));
+            }
+            ServiceError::StreamFormat { field, value, expected, .. } => {
+                return Self::Reject(Rejection::new(409, error.to_string()).of_field(field, value, expected));
+            }
             ServiceError::StreamRestarted { first, expected } => {
                 let first = first.to_string();
                 return Self::Reject(Rejection::field(409, "first_sample_index", &first, expected));
             }
-            ServiceError::Recording(_) | ServiceError::Store(StoreError::Time(_)) => 422,
+            ServiceError::Store(StoreError::Time(_)) => 422,
             ServiceError::Store(StoreError::AssetUnknown(_)) => 404,
-            ServiceError::SensorOfOther { .. }
-            | ServiceError::SensorShared { .. }
-            | ServiceError::StoredWith { .. }
-            | ServiceError::StreamFormat { .. } => 409,
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => 409,
             ServiceError::RawDeleted(_) => 410,
             // An incoming record causes no other errors, unless by an internal error.
             _ => return Self::RetryThenReject(Rejection::new(500, error.to_string())),
@@ -130,6 +149,7 @@ impl From<ServiceError> for FailureAction {
 mod tests {
     use super::*;
     use crate::asset::AssetId;
+    use crate::signal::RecordError;
 
     #[test]
     fn a_rejection_has_the_reason_and_references_the_message() {
@@ -145,6 +165,27 @@ mod tests {
             "payload_sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
         });
         assert_eq!(json, expected);
+    }
+
+    #[test]
+    fn a_record_that_cannot_be_used_names_its_field() {
+        for (error, field, value) in [
+            (RecordError::SampleRate(-8000.0).into(), "sample_rate_hz", "-8000"),
+            (
+                RecordingError::Field { field: "samples", value: "[]".into(), expected: "a sample".into() },
+                "samples",
+                "[]",
+            ),
+        ] {
+            let FailureAction::Reject(rejection) = FailureAction::from(ServiceError::Recording(error)) else {
+                panic!("{field}")
+            };
+            assert_eq!(
+                (rejection.0.field.as_deref(), rejection.0.value.as_deref()),
+                (Some(field), Some(value))
+            );
+            assert_eq!(rejection.0.status, 422);
+        }
     }
 
     #[test]

@@ -17,6 +17,18 @@ impl RecordingError {
             _ => false,
         }
     }
+
+    /// Returns the field with an invalid value, the value, and what was expected, where the error is about one.
+    pub fn invalid_field(&self) -> Option<(&'static str, String, String)> {
+        match self {
+            Self::Field { field, value, expected } | Self::Content { field, value, expected, .. } => {
+                Some((field, value.clone(), expected.to_string()))
+            }
+            Self::Wav { field, value, expected } => Some((field, value.clone(), (*expected).to_owned())),
+            Self::Record(error) => error.invalid_field(),
+            _ => None,
+        }
+    }
 }
 
 /// Why a recording cannot be read or written.

@@ -172,6 +172,23 @@ pub enum RecordError {
     },
 }
 
+impl RecordError {
+    /// Returns the field with an invalid value, the value, and what was expected, where the error is about one.
+    pub fn invalid_field(&self) -> Option<(&'static str, String, String)> {
+        match self {
+            Self::OperatingPoint { field, value, expected } => {
+                Some((field, value.to_string(), (*expected).to_owned()))
+            }
+            Self::SampleRate(rate) => {
+                let expected = format!("a number from {MIN_SAMPLE_RATE_HZ} to {MAX_SAMPLE_RATE_HZ}");
+                Some(("sample_rate_hz", rate.to_string(), expected))
+            }
+            Self::Unit { found, expected, .. } => Some(("unit", found.clone(), expected.clone())),
+            _ => None,
+        }
+    }
+}
+
 fn check_finite(channel: &str, samples: &[f32]) -> Result<(), RecordError> {
     let Some(index) = samples.iter().position(|x| !x.is_finite()) else {
         return Ok(());
