@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use axum::http::Uri;
 use serde::Deserialize;
 
 use super::error::at_least;
-use crate::settings::SettingError;
+use crate::settings::{SettingError, host_and_port};
 
 /// Settings of the connection to NATS and of the cluster's streams.
 #[derive(Clone)]
@@ -104,7 +105,7 @@ impl NatsTable {
         password: Option<String>,
         token: Option<String>,
     ) -> Result<NatsSettings, SettingError> {
-        let expected = "addresses nats://host:4222 or tls://host:4222";
+        let expected = "addresses nats://host[:4222] or tls://host[:4222], with a port from 1 to 65535";
         if self.urls.is_empty() {
             return Err(SettingError::new("cluster.nats.urls", "missing", expected));
         }
@@ -113,9 +114,13 @@ impl NatsTable {
             let expected = "no user in it: set user and FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN or credentials_file";
             return Err(SettingError::new("cluster.nats.urls", "a URL with a user", expected));
         }
-        if let Some(url) =
-            self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
-        {
+        let is_usable = |url: &str| {
+            let uri: Option<Uri> = url.parse().ok();
+            uri.is_some_and(|uri| {
+                matches!(uri.scheme_str(), Some("nats" | "tls")) && host_and_port(&uri).is_some()
+            })
+        };
+        if let Some(url) = self.urls.iter().find(|url| !is_usable(url)) {
             return Err(SettingError::new("cluster.nats.urls", url, expected));
         }
         let mut settings = NatsSettings::new(String::new(), name);

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use axum::http::Uri;
 use serde::Deserialize;
 
 use super::error::at_least;
 use super::nats_settings::NatsTable;
 use super::{NatsSettings, WorkerLimits};
-use crate::settings::SettingError;
+use crate::settings::{SettingError, host_and_port};
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 
 /// Maximum length of a cluster's name in bytes; the name is the prefix of stream names.
@@ -118,6 +119,12 @@ impl DatabaseTable {
                 "postgres://user:password@host/name",
             ));
         }
+        let uri: Option<Uri> = url.parse().ok();
+        if uri.is_some_and(|uri| uri.authority().is_some() && host_and_port(&uri).is_none()) {
+            // A URL without a host names a socket.
+            let expected = "postgres://user:password@host[:port]/name, with a port from 1 to 65535";
+            return Err(SettingError::new("cluster.database.url", "a URL with an invalid port", expected));
+        }
         let mut settings = SharedSettings::new(url, objects);
         if let Some(connections) = self.write_connections {
             settings.write_connections = at_least("cluster.database.write_connections", connections, 1)?;
@@ -151,13 +158,16 @@ impl ObjectsTable {
             }
         };
         match (&self.bucket, &self.folder) {
-            (Some(bucket), None) => in_bucket(BucketSettings {
-                bucket: bucket.clone(),
-                endpoint: self.endpoint.clone(),
-                region: self.region.clone().unwrap_or_else(|| "us-east-1".to_owned()),
-                credentials,
-                prefix: self.prefix.clone().unwrap_or_default(),
-            }),
+            (Some(bucket), None) => {
+                self.check_bucket(bucket)?;
+                in_bucket(BucketSettings {
+                    bucket: bucket.clone(),
+                    endpoint: self.endpoint.clone(),
+                    region: self.region.clone().unwrap_or_else(|| "us-east-1".to_owned()),
+                    credentials,
+                    prefix: self.prefix.clone().unwrap_or_default(),
+                })
+            }
             (None, Some(folder)) => {
                 let of_bucket = [
                     ("cluster.objects.endpoint", &self.endpoint),
@@ -178,6 +188,35 @@ impl ObjectsTable {
                 Err(SettingError::new("cluster.objects", "a bucket and a folder", "only one of them"))
             }
         }
+    }
+}
+
+impl ObjectsTable {
+    /// The client library panics on such values, or uses another address.
+    fn check_bucket(&self, bucket: &str) -> Result<(), SettingError> {
+        let is_name = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+        if bucket.is_empty() || !bucket.chars().all(is_name) {
+            let expected = "a name of letters, digits, '.', '-' and '_'";
+            return Err(SettingError::new("cluster.objects.bucket", bucket, expected));
+        }
+        if let Some(endpoint) = &self.endpoint {
+            let url: Option<Uri> = endpoint.parse().ok();
+            let is_usable = url.is_some_and(|url| {
+                matches!(url.scheme_str(), Some("http" | "https"))
+                    && host_and_port(&url).is_some()
+                    && url.query().is_none()
+            });
+            if !is_usable {
+                let expected = "http://host[:port] or https://host[:port], with a port from 1 to 65535";
+                return Err(SettingError::new("cluster.objects.endpoint", endpoint, expected));
+            }
+        }
+        let prefix = self.prefix.as_deref().unwrap_or_default();
+        if prefix.starts_with('/') || prefix.split('/').any(|level| matches!(level, "." | "..")) {
+            let expected = "the first levels of names, without a leading '/', '.' or '..'";
+            return Err(SettingError::new("cluster.objects.prefix", prefix, expected));
+        }
+        Ok(())
     }
 }
 
@@ -257,6 +296,15 @@ mod tests {
                 WHOLE.replace("bucket = \"records\"", "folder = \"/records\""),
                 vec!["cluster.objects.endpoint", "http://minio:9000", "cluster.objects.folder"],
             ),
+            (
+                WHOLE.replace("http://minio:9000", "minio:9000"),
+                vec!["cluster.objects.endpoint", "http://host"],
+            ),
+            (WHOLE.replace("minio:9000", "minio:99999"), vec!["cluster.objects.endpoint", "65535"]),
+            (WHOLE.replace("http://minio:9000", ""), vec!["cluster.objects.endpoint is empty"]),
+            (WHOLE.replace("\"records\"", "\"Rec ords\""), vec!["cluster.objects.bucket", "Rec ords"]),
+            (WHOLE.replace("nats://b:4222", "nats://b:99999"), vec!["cluster.nats.urls", "nats://b:99999"]),
+            (WHOLE.replace("@db/", "@db:99999/"), vec!["cluster.database.url", "65535"]),
             (WHOLE.replace("at_once", "at_onec"), vec!["at_onec"]),
             (format!("name = \"a.b\"\n{WHOLE}"), vec!["cluster.name", "a.b"]),
         ] {

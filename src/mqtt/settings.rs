@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use super::error::MqttError;
 use super::tls::TlsFiles;
-use crate::settings::{Secret, SettingError};
+use crate::settings::{Secret, SettingError, host_and_port};
 
 /// Maximum packet size of MQTT: a message that is too large for a record must still be read, so that its
 /// sender gets a rejection.
@@ -143,8 +143,9 @@ impl MqttTable {
 impl MqttSettings {
     fn check(&self, max_bytes: usize) -> Result<(), SettingError> {
         let is_level = |name: &str| !name.is_empty() && !name.contains(['+', '#', '\0']);
-        if !is_level(&self.root) || self.root.starts_with('$') {
-            return Err(invalid("root", &self.root, "levels of a topic without + and #"));
+        if !self.root.split('/').all(is_level) || self.root.starts_with('$') {
+            let expected = "levels of a topic, none of them empty, without + and #";
+            return Err(invalid("root", &self.root, expected));
         }
         if let Some(share) = self.share.as_deref().filter(|share| !is_level(share) || share.contains('/')) {
             return Err(invalid("share", share, "a name without /, + and #"));
@@ -169,6 +170,11 @@ impl MqttSettings {
             return Err(invalid("client_id", &self.client_id, "a name of 1 to 128 bytes"));
         }
         Ok(())
+    }
+
+    /// Returns the client identifier.
+    pub(super) fn client_id(&self) -> &str {
+        &self.client_id
     }
 
     /// Returns the broker's address, for log lines.
@@ -220,7 +226,7 @@ fn login(
 
 /// Parses a URL into whether it uses TLS, the host and the port.
 fn parse_url(url: &str) -> Result<(bool, String, u16), SettingError> {
-    const EXPECTED: &str = "mqtt://host[:port] or mqtts://host[:port]";
+    const EXPECTED: &str = "mqtt://host[:port] or mqtts://host[:port], with a port from 1 to 65535";
     let unusable = |value: &str| invalid("url", value, EXPECTED);
     if url.is_empty() {
         return Err(unusable("missing"));
@@ -237,11 +243,11 @@ fn parse_url(url: &str) -> Result<(bool, String, u16), SettingError> {
         Some("mqtts") => true,
         _ => return Err(unusable(url)),
     };
-    if uri.host().is_none_or(str::is_empty) || !matches!(uri.path(), "" | "/") || uri.query().is_some() {
+    let (host, port) = host_and_port(&uri).ok_or_else(|| unusable(url))?;
+    if !matches!(uri.path(), "" | "/") || uri.query().is_some() {
         return Err(unusable(url));
     }
-    let port = authority.port_u16().unwrap_or(if is_tls { 8883 } else { 1883 });
-    Ok((is_tls, authority.host().to_owned(), port))
+    Ok((is_tls, host.to_owned(), port.unwrap_or(if is_tls { 8883 } else { 1883 })))
 }
 
 fn invalid(field: &str, value: impl Display, expected: &str) -> SettingError {
@@ -288,6 +294,10 @@ mod tests {
             (r#"url = "http://broker""#, "mqtts://host"),
             (r#"url = "mqtt://user:secret@broker""#, "no user in it"),
             (r#"url = "mqtt://broker/topic""#, "mqtt.url"),
+            (r#"url = "mqtt://broker:99999""#, "mqtt.url is mqtt://broker:99999"),
+            (r#"url = "mqtt://broker:0""#, "from 1 to 65535"),
+            ("url = \"mqtt://b\"\nroot = \"plant/\"", "mqtt.root is plant/"),
+            ("url = \"mqtt://b\"\nclient_id = \"\"", "mqtt.client_id is empty"),
             ("url = \"mqtt://b\"\nca_file = \"ca.pem\"", "mqtts://"),
             ("url = \"mqtts://b\"\ncertificate = \"c.pem\"", "mqtt.key is missing"),
             ("url = \"mqtt://b\"\nshare = \"nodes\"", "mqtt.client_id is missing"),

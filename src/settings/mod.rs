@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use axum::http::Uri;
 use thiserror::Error;
 use ureq::tls::{Certificate, PemItem, parse_pem};
 
@@ -44,8 +45,21 @@ pub enum SettingError {
 
 impl SettingError {
     pub(crate) fn new(field: impl Into<String>, value: impl Display, expected: impl Into<String>) -> Self {
-        Self::Invalid { field: field.into(), value: value.to_string(), expected: expected.into() }
+        let value = Some(value.to_string()).filter(|value| !value.is_empty());
+        let value = value.unwrap_or_else(|| "empty".to_owned());
+        Self::Invalid { field: field.into(), value, expected: expected.into() }
     }
+}
+
+/// Returns the host and the port of a URL; `None` without a host, or where the port is not from 1 to 65535.
+pub(crate) fn host_and_port(url: &Uri) -> Option<(&str, Option<u16>)> {
+    let authority = url.authority()?;
+    let host = Some(authority.host()).filter(|host| !host.is_empty())?;
+    let port = match authority.as_str().rsplit_once('@').map_or(authority.as_str(), |(_, rest)| rest) {
+        rest if rest == host => None,
+        rest => Some(rest.strip_prefix(host)?.strip_prefix(':')?.parse().ok().filter(|port| *port > 0)?),
+    };
+    Some((host, port))
 }
 
 /// A secret, or the file that contains it, which is read for each use.
