@@ -88,11 +88,18 @@ impl Connection {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
         };
-        let waited = tokio::time::timeout(RESPONSE_TIMEOUT, connected).await;
-        waited.map_err(|_| {
+        tokio::time::timeout(RESPONSE_TIMEOUT, connected).await.map_err(|_| {
             let urls = self.settings.urls.join(", ");
             ClusterError::jetstream("connect")(format!("no server answers at {urls}").into())
-        })
+        })?;
+        if !self.has_partitions() {
+            let version = self.client.server_info().version;
+            tracing::warn!(
+                version,
+                "NATS servers before 2.11 can lose acknowledged records when they are killed; update this one"
+            );
+        }
+        Ok(())
     }
 
     /// Creates missing streams and updates the limits of existing ones to the settings.

@@ -128,10 +128,14 @@ async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> 
     let (last, stored) = (info.state.last_sequence, info.state.messages);
     let run = run_of(&stream);
     let mut messages = consume(&stream, 0).await?;
-    let mut backlog = Vec::new();
-    while stored > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
+    let (mut backlog, mut number) = (Vec::new(), 0);
+    while stored > 0 && number < last {
         match messages.next().await {
-            Some(Ok(message)) => backlog.extend(read(&run, &message)),
+            Some(Ok(message)) => {
+                // Counted even where the event cannot be read.
+                number = message.info().map_or(last, |info| info.stream_sequence);
+                backlog.extend(read(&run, &message));
+            }
             Some(Err(error)) => return Err(ClusterError::jetstream("read the events")(error.into())),
             None => break,
         }
