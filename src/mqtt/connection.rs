@@ -1,7 +1,7 @@
 //! The connection to the broker, with reconnects.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rumqttc::Outgoing;
 use rumqttc::v5::mqttbytes::QoS;
@@ -23,6 +23,12 @@ use crate::service::{Feed, FeedCount, Service};
 /// First and longest wait before a reconnect.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const MAX_WAIT: Duration = Duration::from_secs(30);
+
+/// A connection that lasted this long was not ended by another client with the same identifier.
+const STABLE_AFTER: Duration = Duration::from_secs(10);
+
+/// Number of shorter connections in a row after which such a client is suspected.
+const SUSPICIOUS: u32 = 3;
 
 /// Capacity of the client library's request queue: an acknowledgement and a rejection for every message that
 /// a broker can send unacknowledged. Adding a request must never wait, as the library may be waiting for us.
@@ -89,9 +95,9 @@ async fn keep_connected(
     mut stop: watch::Receiver<bool>,
 ) {
     let mut wait = FIRST_WAIT;
-    let mut connections = 0_u64;
+    let (mut connections, mut short) = (0_u64, 0);
     while !*stop.borrow() {
-        let before = connections;
+        let (before, began) = (connections, Instant::now());
         let end = match settings.options() {
             Ok(options) => {
                 // A new client for each connection: the broker sends unacknowledged messages again.
@@ -101,9 +107,15 @@ async fn keep_connected(
             }
             Err(error) => End::Lost(error.to_string()),
         };
-        let End::Lost(reason) = end else { return };
+        let End::Lost(mut reason) = end else { return };
         if connections > before {
-            wait = FIRST_WAIT;
+            short += 1;
+            if began.elapsed() >= STABLE_AFTER {
+                (wait, short) = (FIRST_WAIT, 0);
+            } else if short >= SUSPICIOUS {
+                let id = settings.client_id();
+                reason += &format!("; if another service uses mqtt.client_id {id:?} too, give each its own");
+            }
             tracing::warn!(
                 broker = settings.broker(),
                 reason,

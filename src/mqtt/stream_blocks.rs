@@ -225,7 +225,13 @@ impl PointStream {
         if opened.is_err() && is_new {
             self.permit = None;
         }
-        Ok(opened?)
+        opened.map_err(|error| match error {
+            // The name of the stream is a level of the topic.
+            ServiceError::Field { field: "name", value, expected } => FailureAction::Reject(
+                Rejection::field(422, "topic", &value, &format!("a point of {expected}")),
+            ),
+            error => error.into(),
+        })
     }
 
     /// Opens the stream, and passes the waiting blocks to it again.
