@@ -26,6 +26,9 @@ pub struct Audit {
     pub bytes: u64,
     /// Number of raw objects in quarantine.
     pub quarantined: u64,
+    /// Number of unreferenced raw objects of a shared store that are too young for quarantine: they may belong to
+    /// records that wait in the queue.
+    pub unreferenced: u64,
     /// The findings, at most the first thousand.
     pub findings: Vec<Finding>,
     /// Number of all findings.
@@ -191,10 +194,17 @@ impl Store {
         }
         // Objects that a running service is storing get their rows in a moment.
         tokio::time::sleep(patience).await;
+        let now = self.on_objects(Objects::time).await?;
         for name in self.orphans_among(suspects).await? {
             let checked = name.clone();
-            if self.on_objects(move |objects| objects.written_at(&checked)).await?.is_some() {
-                audit.add(Finding::Orphan(name));
+            match self.on_objects(move |objects| objects.written_at(&checked)).await? {
+                Some(written_at)
+                    if self.orphan_age().is_some_and(|age| now.duration_since(written_at) < age) =>
+                {
+                    audit.unreferenced += 1;
+                }
+                Some(_) => audit.add(Finding::Orphan(name)),
+                None => {}
             }
         }
         Ok(())

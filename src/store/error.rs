@@ -64,7 +64,10 @@ pub enum StoreError {
         database: String,
     },
     /// A database operation failed.
-    #[error("database: {0}")]
+    #[error("database: {}", match .0 {
+        sqlx::Error::PoolTimedOut => &"it does not respond" as &dyn std::fmt::Display,
+        other => other,
+    })]
     Database(#[from] sqlx::Error),
     /// An object store operation failed.
     #[error("failed to {action} {name} in the object store: {source}")]

@@ -35,12 +35,16 @@ pub(in crate::cli) fn run(args: &VerifyArgs) -> Result<(), CliError> {
         text += &format!("{finding}\n");
     }
     text += &format!(
-        "{}, {} of {}, {} in quarantine\n",
+        "{}, {} of {}, {} in quarantine",
         counted(audit.records, "record"),
         counted(audit.objects, "raw recording"),
         counted(audit.bytes, "byte"),
         audit.quarantined
     );
+    if audit.unreferenced > 0 {
+        text += &format!(", {} unreferenced (younger than cluster.objects.orphan_age_s)", audit.unreferenced);
+    }
+    text += "\n";
     print(&text)?;
     match audit.found {
         0 => Ok(()),
