@@ -115,10 +115,17 @@ impl Streams {
     ) -> Result<StreamSender, ServiceError> {
         check_name(name)?;
         let described = SensorGroup::load(&self.store, asset).await?.asset;
+        let units = ChannelUnits::load(&self.store, &described.spec).await?;
         if let Some(unit) = &format.unit {
-            let units = ChannelUnits::load(&self.store, &described.spec).await?;
             format.signal_names().iter().try_for_each(|channel| units.check(channel, unit))?;
         }
+        let default_unit =
+            format.signal_names().first().and_then(|channel| units.default_of(channel).map(str::to_owned));
+        let with_unit = move |format: &StreamFormat| {
+            let mut format = format.clone();
+            format.unit = format.unit.or_else(|| default_unit.clone());
+            format
+        };
         let cutting = Arc::new(Cutting::of(&described.spec, &format)?);
         let stream = self.in_memory(asset, name)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
@@ -138,7 +145,8 @@ impl Streams {
                         NewStream { asset_created_at: created_at, format: wanted.clone(), first };
                     return Ok((first, opened.take_over(), Some(new_stream), false, None));
                 };
-                if let Some((field, value, expected)) = stored.state().format.difference(&wanted) {
+                let known = with_unit(&stored.state().format);
+                if let Some((field, value, expected)) = known.difference(&with_unit(&wanted)) {
                     let (asset, name) = (opened.asset.clone(), opened.name.clone());
                     let (value, expected) = (value.into(), expected.into());
                     return Err(ServiceError::StreamFormat { asset, name, field, value, expected });
