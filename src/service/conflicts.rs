@@ -37,7 +37,7 @@ mod tests {
     use super::*;
     use crate::store::StoreError;
 
-    #[tokio::test(start_paused = true)]
+    #[tokio::test]
     async fn conflicts_are_retried_and_other_errors_are_not() {
         let calls = Cell::new(0);
         let outcome = async |conflicts: u32, error: fn() -> StoreError| {

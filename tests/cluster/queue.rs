@@ -3,11 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
+use flankwatch::signal::Record;
 use serde_json::json;
 
 use super::processes::Program;
 use super::site::Site;
-use crate::running::{plain_asset, record};
+use crate::running::{minute, plain_asset, record};
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
@@ -60,6 +61,30 @@ fn a_record_that_cannot_be_stored_becomes_a_dead_letter_with_its_reason() {
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(answer["state"], json!("queued"));
     api.client.wait_for_segments("pump", 1);
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+fn queued_records_get_the_unit_of_their_channel() {
+    let mut site = Site::start();
+    let config = site.config(None);
+    let api = site.api(&config);
+    let mut spec = plain_asset("pump");
+    spec["sensor"] = json!({});
+    api.client.send_json("POST", "/v1/assets", &spec, 201);
+    for (n, unit, scale) in [(0, "m/s2", 1.0), (1, "g", 1.0 / 9.806_65), (2, "V", 1.0)] {
+        let samples = record("1", n).samples().iter().map(|sample| sample * scale).collect();
+        let in_unit = Record::new("1", minute(n.into()), 4000.0, unit, samples).unwrap();
+        assert_eq!(api.client.try_upload("pump", &in_unit).unwrap().0, 201);
+    }
+    let worker = site.worker(&config);
+    api.client.wait_for_segments("pump", 2);
+    wait_for_dead_letter(&site, &worker, "pump");
+    let indicators = api.client.get("/v1/assets/pump/indicators?names=rms");
+    assert_eq!(indicators["units"]["rms"], json!("m/s2"), "{indicators}");
+    let segments = api.client.get("/v1/assets/pump/segments");
+    let units: Vec<_> = segments["items"].as_array().unwrap().iter().map(|item| &item["unit"]).collect();
+    assert_eq!(units, ["m/s2", "m/s2"], "{segments}");
 }
 
 /// Waits for a dead letter of a segment and returns its reason.

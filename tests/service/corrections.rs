@@ -1,5 +1,7 @@
 //! Deleted and excluded records, chosen baselines, and rejected values.
 
+use std::collections::BTreeSet;
+
 use flankwatch::asset::{AssetId, SegmentId};
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::signal::Record;
@@ -175,6 +177,34 @@ fn a_channel_keeps_its_unit() {
         let values = waveform["value"].as_array().unwrap().iter();
         let most = values.map(|value| value.as_f64().unwrap().abs()).fold(0.0, f64::max);
         assert!((1.0..3.0).contains(&most), "{most}");
+    }
+}
+
+#[test]
+fn records_that_arrive_together_agree_on_the_unit_of_a_new_channel() {
+    let service = Service::start();
+    let scales = [("m/s2", 1.0), ("g", 1.0 / 9.806_65), ("mm/s2", 1000.0), ("V", 1.0)];
+    for round in 0..8 {
+        let asset = format!("pump-{round}");
+        let mut spec = plain_asset(&asset);
+        spec["sensor"] = json!({});
+        service.post_json("/v1/assets", &spec).expect(201);
+        let answers: Vec<_> = std::thread::scope(|scope| {
+            let send = |(n, (unit, scale))| {
+                let (service, asset) = (&service, &asset);
+                scope.spawn(move || upload_in(service, asset, n, unit, scale))
+            };
+            let sent: Vec<_> = (0..).zip(scales).map(send).collect();
+            sent.into_iter().map(|sender| sender.join().unwrap()).collect()
+        });
+        let stored: Vec<Value> =
+            answers.iter().filter(|answer| answer.status == 201).map(crate::running::Answer::json).collect();
+        let units: BTreeSet<&str> = stored.iter().map(|segment| segment["unit"].as_str().unwrap()).collect();
+        assert_eq!(units.len(), 1, "{units:?}");
+        // Only volts cannot be converted: either they or all others are refused.
+        let expected = if units.contains("V") { 1 } else { 3 };
+        assert_eq!(stored.len(), expected, "{units:?}");
+        assert!(answers.iter().all(|answer| matches!(answer.status, 201 | 422)));
     }
 }
 

@@ -52,6 +52,11 @@ impl ChannelUnits {
         known.map(|(channel, unit)| (channel.clone(), unit.clone()))
     }
 
+    /// The unit of records that state none, if it is known.
+    pub(crate) fn default_of(&self, channel: &str) -> Option<&str> {
+        self.by_channel.get(channel).or(self.others.as_ref()).map(String::as_str)
+    }
+
     /// Takes the unit of a channel from its first record if it is unknown so far.
     pub(crate) fn learn_unit(&mut self, record: &Record) {
         if self.others.is_none() && !self.by_channel.contains_key(record.channel()) {
