@@ -161,7 +161,6 @@ impl MeshBand<'_> {
             bins: last - first + 1,
             reach_bins: (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize,
             margin,
-            power: mean_of(&signal[margin..samples - margin], Complex::norm_sqr),
             phase,
             derotated,
             line: transforms.complex_buffer(),
@@ -275,8 +274,6 @@ struct TrackedHarmonic {
     reach_bins: usize,
     /// Samples discarded at each end.
     margin: usize,
-    /// Mean square of the band's signal without these.
-    power: f64,
     /// Phase per sample of the band's signal.
     phase: Vec<f64>,
     /// The band's signal relative to its phase so far.
@@ -321,9 +318,10 @@ impl TrackedHarmonic {
     /// Low-passes the derotated signal and compares the line with the rest of the band.
     fn low_pass(&mut self, transforms: &mut Transforms) {
         low_pass(&self.derotated, self.reach_bins, &mut self.line, transforms);
-        let line = &self.line[self.margin..self.line.len() - self.margin];
+        let settled = self.margin..self.line.len() - self.margin;
+        let line = &self.line[settled.clone()];
         let line_power = mean_of(line, Complex::norm_sqr);
-        let rest = (self.power - line_power).max(0.0);
+        let rest = power_beside(&self.derotated[settled], line);
         let line_bins = (2 * self.reach_bins + 1) as f64;
         let other_bins = (self.bins as f64 - line_bins).max(1.0);
         // A computed signal may be exactly zero outside its line.
@@ -353,6 +351,20 @@ impl TrackedHarmonic {
         let ((is_safe, this), (other_is_safe, other)) = (quality(self), quality(other));
         is_safe.cmp(&other_is_safe).then(this.total_cmp(&other))
     }
+}
+
+/// Mean square of what a signal has beside its line: twice that of its part in phase with the line, as the first
+/// phase follows some of the other part. Little weight is on the ends, where the band filter has settled least.
+fn power_beside(signal: &[Complex<f64>], line: &[Complex<f64>]) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (j, (z, line)) in signal.iter().zip(line).enumerate() {
+        let place = (j as f64 + 0.5) / signal.len() as f64;
+        let weight = (place * (1.0 - place)).powi(2);
+        let along = ((z - line) * line.conj()).re;
+        sum += weight * along * along / line.norm_sqr().max(f64::MIN_POSITIVE);
+        weights += weight;
+    }
+    2.0 * sum / weights
 }
 
 /// Computes the phase from the frequency over `turn` samples around each sample, weighted by power, and the
@@ -451,3 +463,6 @@ fn low_pass(
     line[below..].iter_mut().for_each(|bin| *bin *= scale);
     transforms.complex(line, FftDirection::Inverse);
 }
+
+#[cfg(test)]
+mod tests;
