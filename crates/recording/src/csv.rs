@@ -122,6 +122,11 @@ impl<R: Read> CsvFrames<R> {
         self.head.clock.is_some_and(Clock::shows_time_of_day)
     }
 
+    /// Returns whether times of day from zero on may count from the start of the recording.
+    pub(super) fn times_may_count_from_start(&self) -> bool {
+        self.head.clock.is_some_and(Clock::may_count_from_start)
+    }
+
     /// Returns all columns with their roles.
     pub(super) fn columns(&self) -> impl Iterator<Item = (&Column, ColumnRole)> {
         self.head.columns.iter().enumerate().map(|(at, column)| {
@@ -224,14 +229,19 @@ impl<R: Read> CsvFrames<R> {
                     line: self.line(),
                     column: self.head.columns[at].label.clone(),
                     value: shortened(field(at)),
-                    expected: "a time as in the lines above",
+                    expected: if field(at).contains(['/', ':']) {
+                        "a time such as 2026-03-01 12:00:00 or 01.03.2026 12:00:00"
+                    } else {
+                        "a time as in the lines above"
+                    },
                 })
             }
         }
     }
 }
 
-/// Returns the selected columns by name, or all columns that are not a time.
+/// Returns the selected columns by name or by number from 1, or all columns that are not a time. A number
+/// counts all columns, as in a file without a header.
 fn choose(head: &Head, selected: &[String]) -> Result<Vec<usize>, RecordingError> {
     let names = || head.columns.iter().map(|column| column.label.as_str()).collect::<Vec<_>>().join(", ");
     let refuse = |what: String| RecordingError::CsvLine { line: head.lines.max(1), what };
@@ -240,7 +250,10 @@ fn choose(head: &Head, selected: &[String]) -> Result<Vec<usize>, RecordingError
     } else {
         let find = |name: &String| {
             let has_name = |column: &Column| column.label == *name || column.name == *name;
+            let is_time = |at: &usize| head.clock.is_some_and(|clock| clock.has(*at));
+            let number = || name.parse::<usize>().ok()?.checked_sub(1).filter(|at| *at < head.columns.len());
             let found = head.columns.iter().position(has_name);
+            let found = found.or_else(|| number().filter(|at| !is_time(at)));
             found.ok_or_else(|| refuse(format!("no column {name:?}, expected one of {}", names())))
         };
         selected.iter().map(find).collect::<Result<_, _>>()?
@@ -309,7 +322,11 @@ mod tests {
         assert_eq!(read(text, &[]).unwrap().1, [[1.0, 2.0]]);
         assert_eq!(read(text, &["a2"]).unwrap().1, [[2.0]]);
         assert_eq!(read(text, &["a2", "a1"]).unwrap().1, [[2.0, 1.0]]);
-        assert!(read(text, &["a3"]).unwrap_err().contains("no column \"a3\""));
+        assert_eq!(read(text, &["3", "2"]).unwrap().1, [[2.0, 1.0]]);
+        // The first column is the time.
+        for name in ["a3", "0", "1", "4"] {
+            assert!(read(text, &[name]).unwrap_err().contains(&format!("no column {name:?}")));
+        }
         assert!(read("t\n1\n", &[]).unwrap_err().contains("no column with samples"));
         assert_eq!(read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0, ["torque", "t_oil"]);
     }

@@ -1,6 +1,6 @@
 //! The time columns of a CSV file.
 
-use super::csv_field::{Decimals, Moment};
+use super::csv_field::{Decimals, Moment, parse_date};
 
 /// Above this number of seconds, a time counts from 1970: no recording is that long.
 const SINCE_1970_S: f64 = 1e8;
@@ -17,6 +17,13 @@ pub(super) enum Clock {
     },
     /// A time of day, or a date and a time.
     Moment(usize),
+    /// A date and a time of day.
+    DateAndTime {
+        /// Index of the column with the date.
+        date: usize,
+        /// Index of the column with the time.
+        time: usize,
+    },
     /// Hour, minute, second and microsecond in the first four columns.
     Parts,
 }
@@ -26,6 +33,7 @@ impl Clock {
     pub(super) fn has(self, at: usize) -> bool {
         match self {
             Self::Seconds { column, .. } | Self::Moment(column) => column == at,
+            Self::DateAndTime { date, time } => date == at || time == at,
             Self::Parts => at < 4,
         }
     }
@@ -38,6 +46,12 @@ impl Clock {
     /// Returns whether times without a date are times of day, not seconds since the start.
     pub(super) fn shows_time_of_day(self) -> bool {
         !matches!(self, Self::Seconds { .. })
+    }
+
+    /// Returns whether times of day from zero on may count from the start of the recording. Parts of a time
+    /// are those of a clock.
+    pub(super) fn may_count_from_start(self) -> bool {
+        matches!(self, Self::Moment(_))
     }
 
     /// Reads the time in nanoseconds.
@@ -54,6 +68,7 @@ impl Clock {
                 (ns.abs() < 9e18).then_some(moment(ns as i64))
             }
             Self::Moment(column) => Moment::parse(field(column)),
+            Self::DateAndTime { date, time } => Moment::parse(field(time))?.on(parse_date(field(date))?),
             Self::Parts => {
                 let mut part = |at: usize, below: f64| {
                     decimals.parse::<f64>(field(at)).filter(|value| (0.0..below).contains(value))

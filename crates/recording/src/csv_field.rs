@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::str::FromStr;
 
 use jiff::Timestamp;
-use jiff::civil::DateTime;
+use jiff::civil::{Date, DateTime};
 use jiff::tz::TimeZone;
 
 /// Units in a header or in a line below it: the canonical spelling of each, then others.
@@ -159,6 +159,18 @@ impl Decimals {
     }
 }
 
+/// Parses a date such as `2026-03-01` or `01.03.2026`.
+pub(super) fn parse_date(field: &str) -> Option<Date> {
+    if !(8..=10).contains(&field.len()) {
+        return None;
+    }
+    match field.split('.').collect::<Vec<_>>()[..] {
+        [day, month, year] => Date::new(year.parse().ok()?, month.parse().ok()?, day.parse().ok()?).ok(),
+        _ if field.contains('-') => field.parse().ok(),
+        _ => None,
+    }
+}
+
 /// A time in nanoseconds: since 1970, or since midnight if only the time of day is given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moment {
@@ -194,6 +206,13 @@ impl Moment {
             [day, month, year] => date_time(&format!("{year}-{month:0>2}-{day:0>2}T{time}")),
             _ => date_time(&format!("{date}T{time}")),
         }
+    }
+
+    /// Returns a time of day on a date; `None` if the time has a date of its own.
+    pub(super) fn on(self, date: Date) -> Option<Self> {
+        let Self::SinceMidnight(ns) = self else { return None };
+        let midnight_ns = date.to_zoned(TimeZone::UTC).ok()?.timestamp().as_nanosecond();
+        i64::try_from(midnight_ns + i128::from(ns)).ok().map(Self::Since1970)
     }
 
     pub(super) fn nanoseconds(self) -> i64 {
@@ -237,6 +256,19 @@ mod tests {
         assert_eq!(Moment::parse("01:00:00.25"), Some(Moment::SinceMidnight(3600 * second + second / 4)));
         for text in ["1.5", "25:00:00", "x:y", "2026-13-01 00:00:00", ""] {
             assert_eq!(Moment::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn dates_have_a_time_in_another_column() {
+        for text in ["1970-01-02", "02.01.1970", "2.1.1970"] {
+            let date = parse_date(text).unwrap_or_else(|| panic!("{text}"));
+            let time = Moment::parse("01:00:00.25").and_then(|time| time.on(date));
+            assert_eq!(time, Some(Moment::Since1970(90_000_250_000_000)), "{text}");
+            assert_eq!(Moment::parse("1970-01-02T00:00:00Z").and_then(|time| time.on(date)), None);
+        }
+        for text in ["19700102", "3/1/2026", "32.01.2026", "1.5", "1.2.3.2026", ""] {
+            assert_eq!(parse_date(text), None, "{text}");
         }
     }
 

@@ -6,7 +6,7 @@ use flankwatch_signal::Motion;
 
 use super::RecordingError;
 use super::csv_clock::Clock;
-use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit, unit_field};
+use super::csv_field::{Decimals, Moment, name_and_unit, parse_date, seconds_of, text, unit, unit_field};
 use super::csv_layout::{CsvLayout, MAX_COLUMNS};
 use super::decoded_block::MAX_CHANNEL_BYTES;
 use super::error::shortened;
@@ -150,7 +150,7 @@ fn sample_columns(line: &str, separator: u8) -> Option<usize> {
     for field in values {
         if decimals.parse::<f64>(field).is_some() {
             numbers += 1;
-        } else {
+        } else if parse_date(field).is_none() {
             Moment::parse(field)?;
         }
     }
@@ -323,6 +323,14 @@ fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separato
     let is_moment = |at: &usize| matches!(clock_at(columns, *at, samples), Clock::Moment(_));
     let is_named = |at: &usize| has_header && time_name(&columns[*at]).is_some();
     let all = 0..columns.len();
+    let first = |at: usize| samples.first().and_then(|row| row.get(at));
+    let is_date = |at: &usize| first(*at).is_some_and(|field| parse_date(field).is_some());
+    let is_time_of_day = |at: &usize| {
+        matches!(first(*at).and_then(|field| Moment::parse(field)), Some(Moment::SinceMidnight(_)))
+    };
+    if let (Some(date), Some(time)) = (all.clone().find(is_date), all.clone().find(is_time_of_day)) {
+        return Some(Clock::DateAndTime { date, time });
+    }
     if let Some(at) = all.clone().find(is_moment).or_else(|| all.clone().find(is_named)) {
         return Some(clock_at(columns, at, samples));
     }

@@ -169,6 +169,34 @@ mod tests {
     }
 
     #[test]
+    fn dates_and_times_may_be_in_columns_of_their_own() {
+        for text in [
+            "Date,Time,a [g]\n2026-03-01,08:00:00.0,1\n2026-03-01,08:00:00.5,2\n",
+            "Datum;Zeit;a [g]\n01.03.2026;08:00:00,0;1,0\n01.03.2026;08:00:00,5;2,0\n",
+            "Time\ta [g]\tDate\n08:00:00.0\t1\t2026-03-01\n08:00:00.5\t2\t2026-03-01\n",
+        ] {
+            let record = only(text, None);
+            assert_eq!(record.start_time().to_string(), "2026-03-01T08:00:00Z", "{text}");
+            assert_eq!((record.channel(), record.unit(), record.sample_rate_hz()), ("a", "g", 2.0), "{text}");
+        }
+        let past_midnight =
+            "Date,Time,a\n2026-03-01,23:59:59.5,1\n2026-03-02,00:00:00.0,2\n2026-03-02,00:00:00.5,3\n";
+        assert_eq!(only(past_midnight, None).samples(), [1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn a_clock_in_four_columns_that_starts_at_midnight_shows_the_time_of_day() {
+        let text: String = (0..9).map(|k| format!("0,0,0,{},0.5,{k}.5\n", 40 * k)).collect();
+        let defaults = RecordDefaults {
+            start_time: "2026-03-01T09:00:00Z".parse().unwrap(),
+            time_of_day: TimeOfDay::FromStart,
+            ..Default::default()
+        };
+        let record = decode_csv(text.as_bytes(), CsvLayout::default(), &defaults).unwrap().remove(0);
+        assert_eq!(record.start_time().to_string(), "2026-03-02T00:00:00Z");
+    }
+
+    #[test]
     fn times_of_day_give_the_start_on_demand() {
         let start = |text: &str, time_of_day: TimeOfDay, start_time: &str| -> String {
             let defaults =
@@ -230,7 +258,17 @@ mod tests {
         for (text, rate_hz, expected) in [
             ("a\n1\n2\n", None, "the sampling rate is missing"),
             ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time is before that of the line above"),
-            ("t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n", None, "csv line 6: 3 s after the line above"),
+            (
+                "t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n",
+                None,
+                "csv line 6: 3 s after the line above, where the other lines are 1 s apart: samples are missing",
+            ),
+            ("a,b\n", None, "csv line 1: no samples below the header"),
+            (
+                "time,a\n3/1/2026 12:00:00 PM,1\n3/1/2026 12:00:01 PM,2\n",
+                None,
+                "\"3/1/2026 12:00:00 PM\", expected a time such as 2026-03-01 12:00:00 or 01.03.2026 12:00:00",
+            ),
             ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
             ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),
             (

@@ -66,6 +66,10 @@ impl CsvTiming {
                 steps.add(ns, frames.line())?;
             }
         }
+        if count == 0 {
+            let (line, what) = (frames.line(), "no samples below the header".to_owned());
+            return Err(RecordingError::CsvLine { line, what });
+        }
         let are_even: Vec<bool> = ramps.iter().map(Ramp::is_even).collect();
         let counters = frames.counters(&are_even)?;
         let (dated_start, since_midnight_ns) = match first {
@@ -88,8 +92,9 @@ impl CsvTiming {
             },
             is_stated_ambiguously: frames.stated_rate() == Some(StatedRate::Ambiguous),
             dated_start,
-            // Times from zero count from the start of the recording.
-            time_of_day_ns: since_midnight_ns.filter(|ns| shows_time_of_day && *ns != 0),
+            // Others that begin at zero count from the start of the recording.
+            time_of_day_ns: since_midnight_ns
+                .filter(|ns| shows_time_of_day && (*ns != 0 || !frames.times_may_count_from_start())),
             uncertainty,
             rounding,
             counters,
@@ -138,6 +143,11 @@ impl CsvTiming {
             ),
         })
     }
+}
+
+/// Rounds to three significant digits.
+fn three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
 }
 
 /// The steps of a time column read so far.
@@ -208,12 +218,13 @@ impl Steps {
         let resolution = if shortest as f64 > 1.5 * mean { shortest as f64 } else { 0.0 };
         let (longest, line) = self.longest;
         if longest as f64 > 1.5 * mean + resolution {
+            let others_s = (span - longest as f64) / (self.count - 1).max(1) as f64 / 1e9;
             return Err(RecordingError::CsvLine {
                 line,
                 what: format!(
-                    "{} s after the line above, expected {} s: samples are missing",
+                    "{} s after the line above, where the other lines are {} s apart: samples are missing",
                     longest as f64 / 1e9,
-                    mean / 1e9
+                    three_digits(others_s)
                 ),
             });
         }

@@ -91,6 +91,9 @@ pub enum RecordingError {
         /// The expected value.
         expected: Cow<'static, str>,
     },
+    /// A damaged FLAC recording.
+    #[error("flac: damaged ({0})")]
+    FlacDamaged(&'static str),
     /// A truncated WAV recording.
     #[error("wav: the file ends in {part} at byte {byte}: {declared} bytes declared, {found} found")]
     WavEnds {

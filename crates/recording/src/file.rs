@@ -1,5 +1,6 @@
 //! A recording file of any format.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -35,6 +36,8 @@ pub struct RecordingFile {
     channels: Vec<String>,
     /// Those of them that no record has had yet.
     missing: Vec<String>,
+    /// All channels that records had so far, if some were named.
+    found: BTreeSet<String>,
 }
 
 enum Records {
@@ -111,7 +114,7 @@ impl RecordingFile {
                 Records::Cut(Box::new(blocks))
             }
         };
-        Ok(Self { records, read, missing: channels.clone(), channels })
+        Ok(Self { records, read, missing: channels.clone(), channels, found: BTreeSet::new() })
     }
 
     /// Returns whether a file's name ends in one of the [`EXTENSIONS`].
@@ -210,7 +213,12 @@ impl OpenFile {
         let bytes = file.metadata().map_err(cannot_open)?.len();
         let mut beginning = Vec::new();
         file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
-        file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
+        file.seek(SeekFrom::Start(0)).map_err(|source| match source.kind() {
+            io::ErrorKind::NotSeekable => {
+                cannot_open(io::Error::other("a pipe cannot be read, expected a file: save it to one first"))
+            }
+            _ => cannot_open(source),
+        })?;
         let zipped = beginning.starts_with(&GZIP) && has_zipped_csv(&mut file)?;
         let format = if zipped { Format::Csv } else { Format::detect(&beginning)? };
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -292,11 +300,16 @@ impl Iterator for RecordingFile {
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             let Some(recorded) = self.records.next() else {
-                let expected = "the name of a channel in the recording";
-                return self.missing.pop().map(|name| Err(RecordingError::field("channel", name, expected)));
+                let name = self.missing.pop()?;
+                let names: Vec<&str> = self.found.iter().map(String::as_str).collect();
+                let expected = format!("names of channels in the recording: {}", names.join(", "));
+                return Some(Err(RecordingError::field("channel", format!("{name:?}"), expected)));
             };
             let Ok(Recorded { record, .. }) = &recorded else { return Some(recorded) };
             self.missing.retain(|name| name != record.channel());
+            if !self.channels.is_empty() && !self.found.contains(record.channel()) {
+                self.found.insert(record.channel().to_owned());
+            }
             if self.channels.is_empty() || self.channels.iter().any(|name| name == record.channel()) {
                 return Some(recorded);
             }

@@ -141,8 +141,7 @@ fn damaged(error: claxon::Error) -> RecordingError {
     match error {
         claxon::Error::IoError(error) if error.kind() != ErrorKind::UnexpectedEof => error.into(),
         claxon::Error::IoError(_) => flac("stream", "cut off", "a whole recording"),
-        claxon::Error::FormatError(what) | claxon::Error::Unsupported(what) => {
-            flac("stream", what, "one that is not damaged")
-        }
+        claxon::Error::FormatError(what) => RecordingError::FlacDamaged(what),
+        claxon::Error::Unsupported(what) => flac("stream", what, "one that can be decoded"),
     }
 }

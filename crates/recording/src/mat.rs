@@ -8,7 +8,7 @@
 use super::error::shortened;
 use super::mat_variables::{Variable, invalid, variables};
 use super::ramp::Ramp;
-use super::rate::{agreed_rate_hz, rate_hz_of};
+use super::rate::{TOLERANCE, agreed_rate_hz, rate_hz_of};
 use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
@@ -47,6 +47,7 @@ pub struct MatFrames {
     channels: Vec<Channel>,
     frames: usize,
     stated_rate_hz: Option<f64>,
+    interval_rate_hz: Option<f64>,
     clock_rate_hz: Option<f64>,
     next: usize,
 }
@@ -76,19 +77,27 @@ impl MatFrames {
     }
 
     fn within(bytes: &[u8], max_bytes: u64, every_series: bool) -> Result<Self, RecordingError> {
-        let mut variables = variables(bytes, max_bytes)?;
+        let (mut variables, skipped) = variables(bytes, max_bytes)?;
         variables.retain(|variable| every_series || !variable.is_logical);
         let frames =
             variables.iter().filter(|variable| variable.len() > 0).map(longer_side).max().unwrap_or(0);
         if frames < 2 {
-            let names: Vec<&str> = variables.iter().map(|variable| variable.name.as_str()).collect();
+            let names = variables.iter().map(|variable| variable.name.clone());
+            let skipped = skipped.iter().map(|(name, kind)| format!("{name} ({kind})"));
+            let found = names.chain(skipped).collect::<Vec<_>>().join(", ");
+            let found = if found.is_empty() { "empty" } else { &found };
             let expected =
                 "an array of real numbers; text, cells, sparse and complex arrays are not supported";
-            return Err(invalid("variables", format!("{:?}", shortened(&names.join(", "))), expected));
+            return Err(RecordingError::Content {
+                format: "mat",
+                field: "the list of variables",
+                value: shortened(found),
+                expected: expected.into(),
+            });
         }
-        let stated_rate_hz = scalar(&variables, &RATES)
-            .or_else(|| scalar(&variables, &INTERVALS).map(|seconds| 1.0 / seconds))
-            .filter(|rate| rate.is_finite());
+        let stated_rate_hz = scalar(&variables, &RATES);
+        let interval_rate_hz =
+            scalar(&variables, &INTERVALS).map(|seconds| 1.0 / seconds).filter(|rate| rate.is_finite());
         let (mut channels, mut clock_rate_hz) = (Vec::new(), None);
         for (at, variable) in variables.iter().enumerate().filter(|(_, one)| longer_side(one) == frames) {
             let count = variable.len() / frames;
@@ -119,17 +128,27 @@ impl MatFrames {
         if channels.is_empty() || channels.len() > MAX_CHANNELS {
             return Err(invalid("channels", channels.len(), "1 to 256 besides the times"));
         }
-        Ok(Self { variables, channels, frames, stated_rate_hz, clock_rate_hz, next: 0 })
+        Ok(Self { variables, channels, frames, stated_rate_hz, interval_rate_hz, clock_rate_hz, next: 0 })
     }
 
     /// Returns the sampling rate in hertz: the given one, else that of a scalar such as `fs`, else that of
     /// the times.
     ///
     /// # Errors
-    /// There is none, or the times contradict it by more than 0.1 %.
+    /// There is none, the times contradict it by more than 0.1 %, or without a given one two variables do.
     fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
         let expected = "a rate given with the MATLAB file, or a variable such as fs or t in it";
-        agreed_rate_hz(given_hz.or(self.stated_rate_hz), self.clock_rate_hz, 0.0)?
+        let stated_hz = match (given_hz, self.stated_rate_hz, self.interval_rate_hz) {
+            (None, Some(rate), Some(by_interval)) if (rate / by_interval - 1.0).abs() > TOLERANCE => {
+                return Err(RecordingError::field(
+                    "the sampling rate",
+                    format!("{rate} Hz by one variable and {by_interval} Hz by another, an interval"),
+                    "variables that agree, or a rate given with the MATLAB file",
+                ));
+            }
+            (given, rate, by_interval) => given.or(rate).or(by_interval),
+        };
+        agreed_rate_hz(stated_hz, self.clock_rate_hz, 0.0)?
             .ok_or_else(|| RecordingError::field("the sampling rate", "missing", expected))
     }
 }

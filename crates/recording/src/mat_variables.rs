@@ -64,18 +64,26 @@ impl Variable {
     }
 }
 
-/// Reads the arrays of real numbers in a file, which may take `max_bytes` once inflated.
+/// A variable that is not an array of real numbers: its name, and what it is.
+pub(crate) type Skipped = (String, &'static str);
+
+/// Reads the arrays of real numbers in a file, which may take `max_bytes` once inflated. Also returns what
+/// else is in it.
 ///
 /// # Errors
 /// The file is damaged, truncated or too large.
-pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, RecordingError> {
+pub(crate) fn variables(
+    bytes: &[u8],
+    max_bytes: u64,
+) -> Result<(Vec<Variable>, Vec<Skipped>), RecordingError> {
     let big_endian = match bytes.get(HEADER - 2..HEADER) {
         Some(b"IM") => false,
         Some(b"MI") => true,
         Some(other) => return Err(invalid("byte order", format!("{other:02x?}"), "IM or MI")),
         None => return Err(invalid("header", format!("{} bytes long", bytes.len()), "128 bytes")),
     };
-    let mut reader = Variables { big_endian, bytes: 0, max_bytes, found: Vec::new(), count: 0 };
+    let mut reader =
+        Variables { big_endian, bytes: 0, max_bytes, found: Vec::new(), skipped: Vec::new(), count: 0 };
     let mut elements = Elements { bytes: &bytes[HEADER..], big_endian };
     while let Some((kind, data)) = elements.next()? {
         match kind {
@@ -90,7 +98,7 @@ pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, R
             _ => {}
         }
     }
-    Ok(reader.found)
+    Ok((reader.found, reader.skipped))
 }
 
 struct Variables {
@@ -99,6 +107,7 @@ struct Variables {
     bytes: u64,
     max_bytes: u64,
     found: Vec<Variable>,
+    skipped: Vec<Skipped>,
     count: usize,
 }
 
@@ -134,12 +143,23 @@ impl Variables {
         let Some((_, flags)) = parts.next()? else { return Ok(()) };
         let flags = self.words(flags).next().ok_or_else(|| invalid("flags", "missing", "8 bytes"))?;
         let class = flags as u8;
-        if class != STRUCT && !NUMERIC.contains(&class) || flags & COMPLEX != 0 {
-            return Ok(());
-        }
+        let kind = match class {
+            _ if flags & COMPLEX != 0 => Some("complex"),
+            1 => Some("a cell array"),
+            3 => Some("an object"),
+            4 => Some("text"),
+            5 => Some("sparse"),
+            class if class == STRUCT || NUMERIC.contains(&class) => None,
+            // What is stored after these, such as a table, is not laid out like an array.
+            _ => return Ok(()),
+        };
         let shape: Vec<usize> = self.words(parts.part("dimensions")?.1).map(|word| word as usize).collect();
         let own = String::from_utf8_lossy(parts.part("name")?.1).into_owned();
         let name = if within.is_empty() { own } else { within.to_owned() };
+        if let Some(kind) = kind {
+            self.skipped.push((name, kind));
+            return Ok(());
+        }
         let [rows, columns] = shape[..] else { return Ok(()) };
         if class == STRUCT {
             return if (rows, columns) == (1, 1) { self.add_fields(parts, &name, depth) } else { Ok(()) };

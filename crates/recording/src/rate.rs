@@ -3,7 +3,7 @@
 use super::RecordingError;
 
 /// Largest relative difference between a given rate and that of the times.
-const TOLERANCE: f64 = 1e-3;
+pub(super) const TOLERANCE: f64 = 1e-3;
 
 /// Returns the stated rate in hertz, else that of the times, whose relative uncertainty is given; `None`
 /// without both.
@@ -22,7 +22,7 @@ pub(super) fn agreed_rate_hz(
         (None, Some(clock)) if uncertainty > TOLERANCE => Err(RecordingError::field(
             "the sampling rate",
             format!("{clock:.0} Hz ± {:.1} % by the times in the file", 100.0 * uncertainty),
-            "times that give it within 0.1 %, or a given rate (--rate, sample_rate_hz)",
+            "times that give it within 0.1 %, or a rate given with the file",
         )),
         (stated, clock) => Ok(stated.or(clock)),
     }

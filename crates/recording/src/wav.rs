@@ -31,7 +31,13 @@ impl<R: Read> Frames for WavFrames<R> {
     fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
         let WavFormat { channels, sample_rate_hz, .. } = self.format();
         let names = defaults.names_of(channels);
-        Ok(FramesInfo::without_time(names, sample_rate_hz.into(), self.frames_at_most(), defaults))
+        let rate_hz = match sample_rate_hz {
+            0 => defaults
+                .sample_rate_hz
+                .ok_or_else(|| RecordingError::wav("sample rate", 0, "a rate above 0 Hz"))?,
+            rate => rate.into(),
+        };
+        Ok(FramesInfo::without_time(names, rate_hz, self.frames_at_most(), defaults))
     }
 
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {

@@ -222,9 +222,6 @@ impl<'a, R: Read> Chunks<'a, R> {
         if !(1..=MAX_CHANNELS).contains(&channels) {
             return Err(RecordingError::wav("channel count", channels, "1 to 256"));
         }
-        if sample_rate_hz == 0 {
-            return Err(RecordingError::wav("sample rate", 0, "a rate above 0 Hz"));
-        }
         let container = block_align / channels;
         if !block_align.is_multiple_of(channels)
             || !(1..=8).contains(&container)

@@ -175,3 +175,33 @@ fn no_changed_byte_makes_a_reader_panic() {
         }
     }
 }
+
+#[test]
+fn a_given_rate_replaces_one_of_zero() {
+    let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
+    let file = RecordingFile::open(fixture("wav-zero-rate.wav"), defaults, None).unwrap();
+    let records: Vec<_> = file.map(|recorded| recorded.unwrap().record).collect();
+    assert_eq!(records[0].sample_rate_hz(), 1000.0);
+}
+
+#[test]
+fn a_missing_channel_is_reported_with_those_there_are() {
+    let channels = ["x".to_owned()];
+    let opened =
+        RecordingFile::open_channels(fixture("wav-int16.wav"), &channels, RecordDefaults::default(), None);
+    let errors: Vec<String> = opened.unwrap().map(|item| item.unwrap_err().to_string()).collect();
+    assert_eq!(errors, ["channel is \"x\", expected names of channels in the recording: 1"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_pipe_is_refused_with_what_to_do() {
+    use std::io::Write;
+    use std::os::fd::AsRawFd;
+    let (reader, mut writer) = std::io::pipe().unwrap();
+    writer.write_all(b"a\n1\n2\n").unwrap();
+    drop(writer);
+    let path = format!("/proc/self/fd/{}", reader.as_raw_fd());
+    let error = RecordingFile::open(path, RecordDefaults::default(), None).err().unwrap().to_string();
+    assert!(error.contains("a pipe cannot be read, expected a file"), "{error}");
+}

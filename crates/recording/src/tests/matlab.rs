@@ -151,7 +151,7 @@ fn unreadable_files_name_the_problem() {
         (mat[..100].to_vec(), ["mat: header", "100 bytes long"]),
         (mat[..mat.len() - 20].to_vec(), ["mat: length", "are there"]),
         (mat[..mat.len() - 60].to_vec(), ["mat: end", "4 bytes of a variable"]),
-        (mat[..128].to_vec(), ["mat: variables", "an array of real numbers"]),
+        (mat[..128].to_vec(), ["mat: the list of variables is empty", "an array of real numbers"]),
         ([&mat[..126], b"XY", &mat[128..]].concat(), ["mat: byte order", "IM or MI"]),
     ] {
         let error = refusal(&damaged);
@@ -163,6 +163,30 @@ fn unreadable_files_name_the_problem() {
     longer[shape] = 200;
     let error = refusal(&longer);
     assert!(error.contains("mat: shape"), "{error}");
+}
+
+#[test]
+fn unsupported_variables_are_named() {
+    let acc: Vec<f64> = (0..40).map(|k| count(0, k)).collect();
+    let file = mat(&[("Fs", 0, 1, &[20_000.0]), ("acc", 0x800, 1, &acc)]);
+    let error = decode_mat(&file, &RecordDefaults::default()).unwrap_err().to_string();
+    assert!(error.contains("variables is Fs, acc (complex)"), "{error}");
+}
+
+#[test]
+fn a_rate_and_an_interval_must_agree() {
+    let acc: Vec<f64> = (0..40).map(|k| count(0, k)).collect();
+    let rate = |dt: f64, given: Option<f64>| {
+        let file = mat(&[("fs", 0, 1, &[20_000.0]), ("dt", 0, 1, &[dt]), ("acc", 0, 1, &acc)]);
+        let defaults = RecordDefaults { sample_rate_hz: given, ..RecordDefaults::default() };
+        decode_mat(&file, &defaults)
+            .map(|records| records[0].sample_rate_hz())
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(rate(5e-5, None), Ok(20_000.0));
+    assert_eq!(rate(1e-3, Some(1000.0)), Ok(1000.0));
+    let error = rate(1e-3, None).unwrap_err();
+    assert!(error.contains("20000 Hz by one variable and 1000 Hz by another, an interval"), "{error}");
 }
 
 /// A file of zeros inflates to a thousand times its size: more than an upload may take.
