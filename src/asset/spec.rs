@@ -18,7 +18,7 @@ use super::stream_spec::StreamSpec;
 use super::velocity_zones::VelocityZones;
 use super::wear_limits::WearLimits;
 use crate::estimate::AlarmRule;
-use crate::gear::PairSpec;
+use crate::gear::{DescriptionError, PairSpec, from_toml};
 use crate::signal::{Band, EnvelopeSearch};
 
 /// The user's description of an asset (TOML in files, JSON over HTTP).
@@ -134,12 +134,8 @@ impl Default for BaselineSpec {
 impl AssetSpec {
     /// Reads a description from TOML and checks it.
     pub fn from_toml(text: &str) -> Result<Self, AssetError> {
-        let reader = toml::Deserializer::parse(text)
-            .map_err(|source| AssetError::Toml { path: None, source: source.into() })?;
-        let spec: Self = serde_path_to_error::deserialize(reader).map_err(|error| AssetError::Toml {
-            path: Some(error.path().to_string()),
-            source: Box::new(error.into_inner()),
-        })?;
+        let spec: Self =
+            from_toml(text).map_err(|DescriptionError { path, source }| AssetError::Toml { path, source })?;
         spec.validate()?;
         Ok(spec)
     }

@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use super::description::DescriptionError;
+
 /// Why a gear pair, its wear or a run of it cannot be modelled.
 #[derive(Debug, Error)]
 pub enum GearError {
@@ -17,7 +19,7 @@ pub enum GearError {
     },
     /// Not TOML, or a field is missing, unknown or of the wrong type.
     #[error("not a pair file: {0}")]
-    Toml(#[from] toml::de::Error),
+    Toml(#[from] DescriptionError),
     /// An invalid line of a wear table.
     #[error("wear table line {line}: {field} is {value:?}, expected {expected}")]
     WearTable {

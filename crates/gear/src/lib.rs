@@ -63,6 +63,7 @@ mod body_compliance;
 mod contact_band;
 mod contact_load;
 mod decimator;
+mod description;
 mod dynamics;
 mod error;
 mod excitation;
@@ -106,6 +107,7 @@ mod wear_table;
 
 pub use archard::ArchardWear;
 pub use assessment::{Assessment, GeometryMeasure, MeasuredQuantity, Verdict};
+pub use description::{DescriptionError, from_toml};
 pub use error::GearError;
 pub use flank::{Flank, FlankPoint};
 pub use flank_wear::FlankWear;

@@ -200,10 +200,15 @@ pub(super) fn check_tooth(
         refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
     }
     let min_shift = min_profile_shift(basic, i, alpha0);
-    if basic.profile_shift[i] < min_shift - HARMLESS_UNDERCUT_MODULES {
-        let min_teeth = (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
+    let accepted_shift = min_shift - HARMLESS_UNDERCUT_MODULES;
+    if basic.profile_shift[i] < accepted_shift {
+        let depth = rack_depth(basic, i) - basic.profile_shift[i] - HARMLESS_UNDERCUT_MODULES;
+        let min_teeth = (2.0 * depth / alpha0.sin().powi(2)).ceil();
+        // Rounded up, so that the value stated is accepted.
+        let stated_shift = (1e4 * accepted_shift).ceil() / 1e4;
         let expected = format!(
-            "at least {min_teeth} teeth on gear {number} or a profile shift of at least {min_shift:.4}, as below it the teeth are undercut"
+            "at least {min_teeth} teeth on gear {number} or a profile shift of at least {stated_shift}, as the teeth are undercut by \
+             more than {HARMLESS_UNDERCUT_MODULES} modules"
         );
         refusals.add(GearError::field("geometry.teeth", basic.teeth[i], expected));
     }

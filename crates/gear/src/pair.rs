@@ -1,6 +1,7 @@
 //! A gear pair as described in a pair file.
 
 use super::GearError;
+use super::description::from_toml;
 use std::fmt;
 use std::str::FromStr;
 
@@ -378,7 +379,7 @@ impl PairSpec {
     /// [`GearError::Toml`] for anything but TOML with these fields; numbers are validated by
     /// [`PairSpec::resolve`].
     pub fn from_toml(text: &str) -> Result<Self, GearError> {
-        Ok(toml::from_str(text)?)
+        Ok(from_toml(text)?)
     }
 
     /// Returns the pair with the torques of both gears multiplied by `factor`.

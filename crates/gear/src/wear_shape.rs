@@ -75,8 +75,8 @@ impl FlankWear {
     /// [`GearError::WearTable`] with line, field and value; [`GearError::WearTableCsv`] for invalid CSV;
     /// [`GearError::Field`] for a depth that leaves less than half of the tooth.
     pub fn from_table_csv(pair: &GearPair, csv: &str) -> Result<Self, GearError> {
-        let max_radii_mm = pair.gears.each_ref().map(|gear| 2.0 * gear.tip_radius_mm);
-        let curves = wear_table::from_csv(csv, max_radii_mm)?;
+        let radii_mm = pair.gears.each_ref().map(|gear| [gear.root_radius_mm, gear.tip_radius_mm]);
+        let curves = wear_table::from_csv(csv, radii_mm)?;
         let deepest = curves.iter().map(DepthCurve::deepest_mm).fold(0.0, f64::max);
         let wear = Self::new(curves.map(WearProfile::Table));
         wear.check_thickness(pair, deepest)?;
@@ -88,6 +88,20 @@ impl FlankWear {
 mod tests {
     use super::super::testing::{shen2022, shen2022_spec};
     use crate::{FlankWear, GearError, WearPoint, WearShape};
+
+    #[test]
+    fn a_table_has_points_of_the_tooth_only() {
+        let pair = shen2022();
+        let read = |rows: &str| FlankWear::from_table_csv(&pair, &format!("gear,radius_mm,depth_um\n{rows}"));
+        let [root_mm, tip_mm] = [pair.gears[0].root_radius_mm, pair.gears[0].tip_radius_mm];
+        assert!(read(&format!("1,{root_mm:.3},0\n1,{tip_mm:.3},10\n")).is_ok());
+        for radius_mm in [root_mm - 0.1, tip_mm + 0.1, f64::NAN] {
+            let error = read(&format!("1,{radius_mm},10\n")).unwrap_err().to_string();
+            assert!(error.contains("the root radius") && error.contains("the tip radius (mm)"), "{error}");
+        }
+        let error = read("").unwrap_err().to_string();
+        assert_eq!(error, "the wear table is without rows, expected at least one line below the header");
+    }
 
     #[test]
     fn a_negative_or_endless_depth_is_rejected_in_a_short_sentence() {

@@ -4,6 +4,9 @@ use serde::Deserialize;
 
 use super::{GearError, WearPoint};
 
+/// A radius at an end of the tooth may be rounded.
+const ROUNDING_MM: f64 = 1e-3;
+
 /// Largest number of lines in a table.
 const MAX_POINTS: usize = 10_000;
 
@@ -120,8 +123,8 @@ struct TextRow {
     depth_um: String,
 }
 
-/// Reads a table in CSV without scaling the depths. `max_radii_mm` are the largest radii of both gears.
-pub(super) fn from_csv(text: &str, max_radii_mm: [f64; 2]) -> Result<[DepthCurve; 2], GearError> {
+/// Reads a table in CSV without scaling the depths. `radii_mm` are the root and tip radii of both gears.
+pub(super) fn from_csv(text: &str, radii_mm: [[f64; 2]; 2]) -> Result<[DepthCurve; 2], GearError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers()?.clone();
     if headers.iter().collect::<Vec<_>>() != ["gear", "radius_mm", "depth_um"] {
@@ -138,15 +141,17 @@ pub(super) fn from_csv(text: &str, max_radii_mm: [f64; 2]) -> Result<[DepthCurve
             "2" => 1,
             _ => return Err(row_error(line, "gear", row.gear, "1 or 2")),
         };
-        let max_mm = max_radii_mm[gear];
+        let [root_mm, tip_mm] = radii_mm[gear];
         let radius_mm = match row.radius_mm.parse::<f64>() {
-            Ok(radius) if radius > 0.0 && radius <= max_mm => radius,
+            Ok(radius) if (root_mm - ROUNDING_MM..=tip_mm + ROUNDING_MM).contains(&radius) => radius,
             _ => {
                 return Err(row_error(
                     line,
                     "radius_mm",
                     row.radius_mm,
-                    &format!("a number above 0 and at most {max_mm} (mm)"),
+                    &format!(
+                        "a number from {root_mm:.4}, the root radius, to {tip_mm:.4}, the tip radius (mm)"
+                    ),
                 ));
             }
         };
@@ -160,7 +165,7 @@ pub(super) fn from_csv(text: &str, max_radii_mm: [f64; 2]) -> Result<[DepthCurve
         }
     }
     if points.iter().all(Vec::is_empty) {
-        return Err(row_error(2, "gear", String::new(), "at least one line below the header"));
+        return Err(GearError::field("the wear table", "without rows", "at least one line below the header"));
     }
     for points in &mut points {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
