@@ -55,7 +55,8 @@ impl WithSimd for FaultScan<'_> {
 #[inline(always)]
 fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<NotComputed> {
     if low >= high {
-        return Some(NotComputed::Constant);
+        let is_single = samples.len() < 2;
+        return Some(if is_single { NotComputed::TooShort } else { NotComputed::Constant });
     }
     let mut clipped = [(0_usize, 0.0); 2];
     let mut first = 0;
@@ -155,6 +156,7 @@ mod tests {
         gap[1000..1064].fill(0.25);
         assert_eq!(fault(&gap), Some(NotComputed::Gaps));
         assert_eq!(fault(&[2.5; 10]), Some(NotComputed::Constant));
+        assert_eq!(fault(&[2.5]), Some(NotComputed::TooShort));
     }
 
     /// Impacts and noise that pass the limit for one or two samples each.

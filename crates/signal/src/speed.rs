@@ -109,16 +109,29 @@ impl ShaftSpeed {
                 mesh_frequency_hz / f64::from(count)
             ),
             SpeedDoubt::OtherMesh { mesh_frequency_hz, teeth: None } => format!(
-                "the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz ({teeth:.0} × {:.2} Hz or {:.1} × {shaft_hz:.2} Hz) better than {mesh_hz:.1} Hz ({described})",
+                "the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz ({teeth:.0} × {:.2} Hz or {} × {shaft_hz:.2} Hz) better than {mesh_hz:.1} Hz ({described})",
                 mesh_frequency_hz / teeth,
-                mesh_frequency_hz / shaft_hz
+                whole_teeth(mesh_frequency_hz, shaft_hz).0
             ),
-            SpeedDoubt::OtherShaft { shaft_speed_hz } => format!(
-                "the shaft lines fit {:.1} × {shaft_speed_hz:.2} Hz better than {described}",
-                mesh_hz / shaft_speed_hz
-            ),
+            SpeedDoubt::OtherShaft { shaft_speed_hz } => {
+                let (count, other_hz) = whole_teeth(mesh_hz, shaft_speed_hz);
+                format!("the shaft lines fit {count} × {other_hz:.2} Hz better than {described}")
+            }
         };
         Some(format!("the shaft speed is in doubt: {evidence}; are the tooth counts and the speed correct?"))
+    }
+}
+
+/// Returns the number of teeth with which a shaft has a mesh frequency, in words, and its rate with that
+/// number: a whole one if the measured rates are close to one.
+fn whole_teeth(mesh_hz: f64, shaft_hz: f64) -> (String, f64) {
+    const MAX_DEVIATION: f64 = 0.2;
+    let teeth = mesh_hz / shaft_hz;
+    let whole = teeth.round();
+    if whole >= 1.0 && (teeth - whole).abs() <= MAX_DEVIATION {
+        (format!("{whole:.0}"), mesh_hz / whole)
+    } else {
+        (format!("{teeth:.1}"), shaft_hz)
     }
 }
 
@@ -344,5 +357,28 @@ pub(super) fn locate(
             mesh: reason.map_or(comb.map(|comb| comb.mesh).ok_or(NotComputed::NoSpeed), Err),
             is_smeared,
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_doubt_names_whole_tooth_counts() {
+        let speed = |doubt| ShaftSpeed {
+            mesh_frequency_hz: 480.0,
+            doubt: Some(doubt),
+            ..ShaftSpeed::without_mesh(20.0, SpeedSource::Nominal)
+        };
+        for (shaft_speed_hz, expected) in
+            [(480.0 / 24.9, "25 × 19.20 Hz"), (15.0, "32 × 15.00 Hz"), (480.0 / 18.5, "18.5 × 25.95 Hz")]
+        {
+            let message = speed(SpeedDoubt::OtherShaft { shaft_speed_hz }).doubt_message().unwrap();
+            assert!(message.contains(&format!("fit {expected} better than 24 × 20.00 Hz")), "{message}");
+        }
+        let other = SpeedDoubt::OtherMesh { mesh_frequency_hz: 640.0, teeth: None };
+        let message = speed(other).doubt_message().unwrap();
+        assert!(message.contains("(24 × 26.67 Hz or 32 × 20.00 Hz)"), "{message}");
     }
 }

@@ -16,7 +16,7 @@ use crate::estimate::filter::Filter;
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::novelty::{RecordContext, SensorFault, judge};
 use crate::estimate::wear::{MissingLibrary, WearEstimate, WearStatus};
-use flankwatch_signal::Features;
+use flankwatch_signal::{Features, NotComputed};
 
 /// Fewest records of a chosen baseline; with fewer, the baseline is learnt as if none had been chosen.
 const MIN_CHOSEN: usize = 8;
@@ -184,6 +184,9 @@ impl Tracker {
     fn unusable_reason(&self, features: &Features) -> Option<String> {
         if let Some(fault) = features.fault.and_then(SensorFault::of_samples) {
             return Some(format!("{}, so this record is not used", fault.words()));
+        }
+        if features.fault == Some(NotComputed::TooShort) {
+            return Some("the record is too short, so it is not used".to_owned());
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
