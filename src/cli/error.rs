@@ -4,6 +4,7 @@ use std::error::Error;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use crate::gear::GearError;
 use crate::recording::RecordingError;
 
 /// Why a command failed; the message names the file, address or field.
@@ -24,9 +25,9 @@ pub enum CliError {
     #[error(transparent)]
     Setting(#[from] crate::settings::SettingError),
     /// Some files could not be analysed or sent; each error was printed when it occurred.
-    #[error("failed to {action} {failed} of {all} files completely")]
+    #[error("{failed} of {all} files could not be {action}")]
     SomeFailed {
-        /// What failed.
+        /// What was not done, as a participle.
         action: &'static str,
         /// Number of files that failed.
         failed: usize,
@@ -35,7 +36,7 @@ pub enum CliError {
     },
     /// The gear model rejected its input.
     #[error(transparent)]
-    Gear(#[from] crate::gear::GearError),
+    Gear(#[from] GearError),
     /// A library could not be built or read.
     #[error(transparent)]
     Library(#[from] crate::library::LibraryError),
@@ -93,6 +94,9 @@ impl CliError {
         let failed = Self::file::<Box<dyn Error + Send + Sync>>(path);
         move |error| {
             let option = match &error {
+                // The path is named already.
+                RecordingError::Open { source, .. } => return failed(source.to_string().into()),
+                RecordingError::Wav { field: "sample rate", .. } => "--rate",
                 RecordingError::Field { field: "the sampling rate" | "sample rate", .. } => "--rate",
                 RecordingError::Field { field: "the cut", .. } => "--record-seconds",
                 _ => return failed(error.into()),
@@ -110,6 +114,17 @@ impl CliError {
             field => field.replace('_', "-"),
         };
         Self::argument(&format!("--{option}"), value, expected)
+    }
+
+    /// Creates the error for a wear depth that the gear model refuses, which an option gave in another unit.
+    pub(super) fn wear(option: &str, value: impl Display, error: GearError) -> Self {
+        match error {
+            GearError::Field { field: "wear depth in mm", value: depth_mm, expected } => {
+                Self::argument(option, value, format!("{expected} (the depth is {depth_mm} mm)"))
+            }
+            GearError::Field { field: "turns", expected, .. } => Self::argument(option, value, expected),
+            error => error.into(),
+        }
     }
 
     /// Creates the error for a data folder that does not exist.

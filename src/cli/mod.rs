@@ -6,6 +6,7 @@ mod completions;
 mod error;
 mod interrupt;
 mod output;
+mod output_check;
 mod recordings;
 mod service;
 mod simulation;

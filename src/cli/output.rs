@@ -45,23 +45,6 @@ pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     partial.complete()
 }
 
-/// Checks that a command may write a file: it replaces an existing one only if it is forced to.
-pub(super) fn check_new(path: &Path, is_forced: bool) -> Result<(), CliError> {
-    if path.is_file() && !is_forced {
-        let detail = format!("{path:?} exists, expected a new file (or --force to replace it)");
-        return Err(CliError::Argument(detail));
-    }
-    check_folder(path)
-}
-
-/// Checks that the folder of a file exists, before the work whose result the file gets.
-pub(super) fn check_folder(path: &Path) -> Result<(), CliError> {
-    match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        Some(folder) => Err(CliError::file(path)(format!("there is no folder {}", folder.display()))),
-        None => Ok(()),
-    }
-}
-
 /// A file under a temporary name in the same folder; removed on drop and on Ctrl-C unless it is completed.
 /// Anything that is not a regular file, such as `/dev/null`, is written directly.
 pub(super) struct PartialFile {
@@ -132,18 +115,6 @@ mod tests {
         write_file(&link, b"new").unwrap();
         assert!(link.is_symlink() && fs::read(&target).unwrap() == b"new");
         assert!(PartialFile::create(Path::new("/dev/null")).unwrap().temporary.is_none());
-    }
-
-    #[test]
-    fn an_existing_file_and_a_missing_folder_are_found_before_the_work() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.wav");
-        check_new(&path, false).unwrap();
-        fs::write(&path, "").unwrap();
-        assert!(check_new(&path, false).unwrap_err().to_string().contains("--force"));
-        check_new(&path, true).unwrap();
-        let error = check_new(&folder.path().join("none/a.wav"), true).unwrap_err().to_string();
-        assert!(error.contains("there is no folder"), "{error}");
     }
 
     #[test]

@@ -27,7 +27,8 @@ pub(super) fn html(report: &Report) -> String {
     let title = escape(&title);
     let (first, last) = (report.records.first(), report.records.last());
     let span = first.zip(last).map_or_else(String::new, |(first, last)| {
-        format!(", {} to {}", first.start_time.strftime(MINUTES), last.start_time.strftime(MINUTES))
+        let [first, last] = [first, last].map(|record| record.start_time.strftime(MINUTES).to_string());
+        if first == last { format!(", {first}") } else { format!(", {first} to {last}") }
     });
     let count = report.all_records.unwrap_or(report.records.len());
     let records = if count == 1 { "record" } else { "records" };

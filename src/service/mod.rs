@@ -85,6 +85,7 @@ pub use precondition::{Precondition, description_tag};
 pub use raw::UploadPieces;
 pub use rebuild::Rebuilt;
 pub use recomputation::{Recomputation, RecomputationState};
+pub(crate) use record::ChannelUnits;
 pub use record::{
     BandChoice, ChannelNames, LoadedRecord, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope,
     StoredRecords, UploadMetadata,

@@ -45,7 +45,12 @@ impl Store {
         if mine.store != among.store && self.is_shared() && refuses_others {
             return Err(StoreError::OtherStore { objects: among.store, database: mine.store });
         }
-        self.set_removal_hold(reason(&mine, &among));
+        let why = reason(&mine, &among);
+        match refuses_others {
+            true => self.set_removal_hold(why),
+            // A rebuild is what the reason asks for.
+            false => self.hold_removals(why),
+        }
         self.raise_generation().await
     }
 
@@ -100,6 +105,10 @@ impl Store {
         if let Some(why) = &why {
             tracing::warn!(why, "suspended the removal of raw recordings");
         }
+        self.hold_removals(why);
+    }
+
+    fn hold_removals(&self, why: Option<String>) {
         *self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner) = why;
     }
 

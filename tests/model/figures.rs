@@ -29,7 +29,7 @@ fn the_page_is_self_contained_and_its_numbers_match_the_reference() {
 
     let refused = at("refused.html");
     flankwatch(&["figures", "--out", &refused, "--wear-um", "50", "40", "30"])
-        .expect_failure(&["wear_um", "rising"]);
+        .expect_failure(&["--wear-um is", "rising"]);
     assert!(!fs::exists(refused).unwrap());
 }
 

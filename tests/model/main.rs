@@ -10,6 +10,7 @@ mod hostile_bytes;
 mod import_cycles;
 mod incomplete_runs;
 mod libraries;
+mod outputs;
 mod progress;
 mod wrong_input;
 

@@ -61,6 +61,14 @@ fn an_error_names_the_option_its_value_and_what_was_expected() {
     let time = "expected a time such as 2026-01-31T08:00:00Z";
     for (words, expected) in [
         (&["simulate", "--out", "run.mcap", "--rate", "-5"][..], "--rate is -5, expected a rate"),
+        (
+            &["simulate", "--out", "run.mcap", "--seconds", "1", "--interval", "0.5"],
+            "--interval is 0.5 s, expected at least --seconds (1 s)",
+        ),
+        (&["simulate", "--out", "run.mcap", "--records", "0"], "0 is not in 1..=1000000"),
+        (&["evaluate", "--records", "30"], "--records is 30, expected at least 40"),
+        (&["evaluate", "--members", "20000"], "expected a number from 0 to 10240"),
+        (&["analyze", "a.wav", "--rate", "0"], "'--rate <HZ>': expected a rate above 0 Hz"),
         (&["simulate", "--out", "run.mcap", "--interval", "0"], "--interval is 0, expected a time above 0 s"),
         (&["library", "build", "--rate", "5"], "--rate is 5, expected a rate"),
         (&["evaluate", "--leave-one-out", "0"], "--leave-one-out is 0, expected at least 1 and at most 319"),

@@ -50,11 +50,13 @@ pub(in crate::cli) use with_cluster::run;
 
 #[cfg(feature = "nats")]
 mod with_cluster {
+    use std::io::{self, IsTerminal};
+
     use serde_json::json;
 
     use super::{Action, CliError, DeadLettersArgs, Selection};
     use crate::cli::administration::cluster::Format;
-    use crate::cli::output::print;
+    use crate::cli::output::{counted, print};
     use crate::cluster::{Cluster, ClusterError, DeadLetter};
 
     /// Width of a line in characters where `COLUMNS` is not set.
@@ -113,12 +115,16 @@ mod with_cluster {
 
     fn report(format: Format, done: &str, numbers: &[u64]) -> Result<(), CliError> {
         match format {
-            Format::Table => print(&format!("{} dead letters {done}\n", numbers.len())),
+            Format::Table => print(&format!("{} {done}\n", counted(numbers.len() as u64, "dead letter"))),
             Format::Json => print(&format!("{:#}\n", json!({ done: numbers }))),
         }
     }
 
+    /// The width of a terminal's lines; what is piped or written to a file is not truncated.
     fn width() -> usize {
+        if !io::stdout().is_terminal() {
+            return usize::MAX;
+        }
         let columns = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
         columns.unwrap_or(DEFAULT_WIDTH)
     }
@@ -195,6 +201,8 @@ mod with_cluster {
                 "{text}"
             );
             assert!(text.trim_end().ends_with('…'), "{text}");
+            let whole = table(std::slice::from_ref(&letter), usize::MAX);
+            assert!(whole.ends_with("its bytes hash to ef (tried 5 times)\n"), "{whole}");
             assert!(description(&letter).contains("tried 5 times"));
         }
     }

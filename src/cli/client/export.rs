@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use jiff::Timestamp;
 
 use super::server::{self, ServerArgs, asset_id, check_range, success, success_body};
+use crate::cli::output_check::{OutputKind, check_result};
 use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
 use crate::http::{CHANNEL, PARQUET, REDUCED, ROWS};
@@ -20,7 +21,7 @@ pub(in crate::cli) struct ExportArgs {
     /// Which trend
     #[arg(value_enum)]
     trend: ExportedTrend,
-    /// File to write: .parquet or .csv
+    /// File to write: .parquet or .csv; it replaces such a table only
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Identifier of the asset
@@ -62,7 +63,8 @@ impl ExportedTrend {
 
 /// Runs the command. The server writes the table, as for any client of its API.
 pub(in crate::cli) fn run(args: &ExportArgs) -> Result<(), CliError> {
-    let media_type = media_type_of(&args.output)?;
+    let (media_type, kind) = format_of(&args.output)?;
+    check_result(&args.output, kind)?;
     if args.trend == ExportedTrend::Wear && !args.names.is_empty() {
         let names = args.names.join(",");
         return Err(CliError::Argument(format!(
@@ -113,11 +115,11 @@ pub(in crate::cli) fn run(args: &ExportArgs) -> Result<(), CliError> {
     output::print(&format!("{text}\n"))
 }
 
-/// Returns the media type of the table, by the extension of OUT.
-fn media_type_of(path: &Path) -> Result<&'static str, CliError> {
+/// Returns the media type and the kind of the table, by the extension of OUT.
+fn format_of(path: &Path) -> Result<(&'static str, OutputKind), CliError> {
     match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
-        Some("parquet") => Ok(PARQUET),
-        Some("csv") => Ok("text/csv"),
+        Some("parquet") => Ok((PARQUET, OutputKind::Parquet)),
+        Some("csv") => Ok(("text/csv", OutputKind::CsvTrend)),
         _ => Err(CliError::Argument(format!(
             "OUT is {}, expected a name that ends in .parquet or .csv",
             path.display()

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use super::server::{ServerArgs, asset_id, failure, refusal};
 use crate::cli::recordings::reading_progress::ReadingProgress;
 use crate::cli::recordings::recording_files::recording_files;
-use crate::cli::recordings::recording_values::RecordingValues;
+use crate::cli::recordings::recording_values::{RecordingValues, parse_rate};
 use crate::cli::{CliError, output};
 use crate::recording::{
     BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay, encode_block,
@@ -49,11 +49,11 @@ pub(in crate::cli) struct ReplayArgs {
     /// Replay speed: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Channels to send, by header name or number from 1 [default: all]
+    /// Channels to send, by name or, in CSV, number of the column from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     channels: Vec<String>,
     /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
@@ -82,7 +82,7 @@ pub(in crate::cli) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))?;
     match result? {
         0 => Ok(()),
-        failed => Err(CliError::SomeFailed { action: "send", failed, all: files.len() }),
+        failed => Err(CliError::SomeFailed { action: "sent", failed, all: files.len() }),
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod source;
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -11,10 +11,11 @@ use jiff::Timestamp;
 
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
-use super::recording_values::RecordingValues;
+use super::recording_values::{RecordingValues, parse_rate};
 use crate::asset::AssetId;
 use crate::cli::CliError;
-use crate::cli::output::{PartialFile, check_new, counted, print_stderr};
+use crate::cli::output::{PartialFile, counted, print_stderr};
+use crate::cli::output_check::{check_apart, check_new};
 use crate::recording::{
     Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
@@ -34,7 +35,7 @@ pub(in crate::cli) struct ConvertArgs {
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     pub rate: Option<f64>,
     /// Unit of the samples, such as m/s2 or g; required for MCAP where the recording does not state it
     #[arg(long)]
@@ -42,7 +43,7 @@ pub(in crate::cli) struct ConvertArgs {
     /// Asset that the recording belongs to: the first part of its MCAP topics [default: gearbox]
     #[arg(long, value_name = "ID")]
     pub asset: Option<String>,
-    /// Channels to convert, in this order, by header name or number from 1 [default: all]
+    /// Channels to convert, in this order, by name or, in CSV, number of the column from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     pub channels: Vec<String>,
     /// Rotational frequency of the driving shaft in Hz
@@ -73,12 +74,7 @@ pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
         return Err(CliError::argument("--unit", "empty", "the samples' unit, such as m/s2 (1 for none)"));
     }
     let inputs = recording_files(&args.inputs)?;
-    let output = fs::canonicalize(&args.output).ok();
-    if output
-        .is_some_and(|output| inputs.iter().any(|path| fs::canonicalize(path).ok() == Some(output.clone())))
-    {
-        return Err(CliError::argument("OUT", args.output.display(), "another file than the recordings"));
-    }
+    check_apart("OUT", &args.output, inputs.iter().map(PathBuf::as_path), "the recordings")?;
     if target == Target::Wav {
         for (option, is_given) in [
             ("--asset", args.asset.is_some()),

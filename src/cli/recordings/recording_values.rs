@@ -33,6 +33,12 @@ pub(in crate::cli) struct RecordingValues {
     start_time: Option<Timestamp>,
 }
 
+/// Parses a sampling rate in hertz.
+pub(in crate::cli) fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate| *rate > 0.0 && f64::is_finite(*rate));
+    rate.ok_or_else(|| "expected a rate above 0 Hz".to_owned())
+}
+
 /// End of 1970, the year in which recordings without a time begin: a real one is later.
 const END_OF_1970: Timestamp = Timestamp::constant(365 * 24 * 3600, 0);
 

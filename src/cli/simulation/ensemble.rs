@@ -14,6 +14,15 @@ use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryCache, LibraryError, VARIANTS, ensemble_id,
 };
 
+/// Largest number of members: eight times the usual one.
+const MAX_MEMBERS: usize = 10_240;
+
+/// Parses the number of members.
+pub(in crate::cli) fn parse_members(text: &str) -> Result<usize, String> {
+    let members = text.parse().ok().filter(|members| *members <= MAX_MEMBERS);
+    members.ok_or_else(|| format!("expected a number from 0 to {MAX_MEMBERS}"))
+}
+
 /// Ensembles with a given number of members, cached in the `libraries` of a data folder.
 pub(in crate::cli) struct Ensembles {
     cache: LibraryCache,

@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::ensemble::Ensembles;
+use super::ensemble::{Ensembles, parse_members};
 use super::library::progress_bar;
 use super::recorded_runs;
 use super::{pair_file, plot};
+use crate::cli::output_check::{OutputKind, check_apart, check_result};
 use crate::cli::{CliError, output};
 use crate::evaluation::{
     Case, CaseGroup, EvaluationSettings, LeftOutRun, NOMINAL, RunOptions, Score, evaluate,
@@ -61,8 +62,9 @@ pub(in crate::cli) struct EvaluateArgs {
     /// Run only cases whose name contains this text
     #[arg(long, value_name = "TEXT", conflicts_with = "tracked")]
     case: Option<String>,
-    /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
-    #[arg(long, default_value_t = EnsembleSettings::default().members)]
+    /// Number of varied gear pairs (ensemble members) to estimate with, up to 10240; 0 uses only the
+    /// described pair
+    #[arg(long, default_value_t = EnsembleSettings::default().members, value_parser = parse_members)]
     members: usize,
     /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
     #[arg(long, value_name = "FILE")]
@@ -112,11 +114,12 @@ pub(in crate::cli) struct EvaluateArgs {
 
 /// Runs the command.
 pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
-    if args.runs == 0 || args.records < 40 || args.states < 20 {
-        return Err(CliError::Argument(format!(
-            "--runs is {}, --records {} and --states {}, expected at least 1, 40 and 20",
-            args.runs, args.records, args.states
-        )));
+    for (option, value, least) in
+        [("--runs", args.runs, 1), ("--records", args.records, 40), ("--states", args.states, 20)]
+    {
+        if value < least {
+            return Err(CliError::argument(option, value, format!("at least {least}")));
+        }
     }
     if let Some(error_um) = args.inspection_um.filter(|error_um| !(*error_um > 0.0 && *error_um <= 1e4)) {
         return Err(CliError::Argument(format!(
@@ -128,7 +131,10 @@ pub(in crate::cli) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             "--limit-um is {limit_um}, expected a depth above 0 and up to 10000 µm"
         )));
     }
-    args.out.as_deref().map_or(Ok(()), output::check_folder)?;
+    if let Some(out) = &args.out {
+        check_apart("--out", out, args.pair.as_deref(), "the gear pair file")?;
+        check_result(out, OutputKind::Page)?;
+    }
     let pair = pair_file::read(args.pair.as_deref())?;
     let ensembles = Ensembles::new(&args.data_dir, args.members);
     let options = RunOptions { gap: args.gap, inspection_um: args.inspection_um, limit_um: args.limit_um };

@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::pair_file;
 use crate::cli::interrupt::interrupted;
+use crate::cli::output_check::{OutputKind, check_apart, check_result};
 use crate::cli::{CliError, output};
 use crate::gear::{ContactRule, PairSpec};
 use crate::library::{
@@ -65,7 +66,7 @@ struct BuildArgs {
     /// Rule for which tooth pairs carry load [default: that of the pair file]
     #[arg(long, value_name = "RULE")]
     contact: Option<ContactRule>,
-    /// Write the library to this file instead of the data folder
+    /// Write the library to this file instead of the data folder; it replaces a library only
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -113,7 +114,10 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
         LibraryError::Grid { field, value, expected } => CliError::option(field, value, expected),
         error => error.into(),
     })?;
-    args.out.as_deref().map_or(Ok(()), output::check_folder)?;
+    if let Some(out) = &args.out {
+        check_apart("--out", out, args.pair.as_deref(), "the gear pair file")?;
+        check_result(out, OutputKind::Library)?;
+    }
     let bar = progress_bar(grid.simulations() as u64, "simulations");
     let progress = |done: usize, _| bar.set_position(done as u64);
     let interrupted = interrupted();
@@ -134,7 +138,12 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     if let Err(LibraryError::Cancelled) = &built {
         bar.abandon_with_message("interrupted; run the same command to resume");
     }
-    built?;
+    built.map_err(|error| match error {
+        LibraryError::Gear(error) => {
+            CliError::wear("--max-wear-um", format!("{} µm", grid.max_wear_um), error)
+        }
+        error => error.into(),
+    })?;
     bar.finish_and_clear();
     let place = args.out.clone().unwrap_or_else(|| args.cache.data_dir.join("libraries"));
     output::print(&format!("library {id} in {}\n", place.display()))

@@ -87,8 +87,12 @@ fn cycle(args: &ModelArgs) -> Result<MeshCycle, CliError> {
             let table = fs::read_to_string(path).map_err(CliError::file(path))?;
             FlankWear::from_table_csv(&pair, &table).map_err(CliError::file(path))?
         }
-        (None, Some(depth_mm), _) => FlankWear::from_shape(&pair, depth_mm)?,
-        (None, None, Some(turns)) => ArchardWear::after_turns(&pair, turns)?.wear,
+        (None, Some(depth_mm), _) => FlankWear::from_shape(&pair, depth_mm)
+            .map_err(|error| CliError::wear("--wear-mm", format!("{depth_mm} mm"), error))?,
+        (None, None, Some(turns)) => {
+            let failed = |error| CliError::wear("--turns", turns, error);
+            ArchardWear::after_turns(&pair, turns).map_err(failed)?.wear
+        }
         (None, None, None) => FlankWear::none(),
     };
     Ok(MeshCycle::compute(&pair, &wear, args.points)?)
@@ -232,8 +236,9 @@ mod tests {
         let lag_mm = row[3] * bases[1];
         assert!((lag_mm / lost - 1.0).abs() < 0.05, "{lag_mm} {lost}");
         assert!(rows("0").iter().all(|row| row[3].abs() < 1e-12));
-        assert!(printed(&["--turns=-1"], Format::Csv).unwrap_err().contains("turns is -1"));
-        assert!(printed(&["--turns", "1e9"], Format::Csv).is_err());
+        assert!(printed(&["--turns=-1"], Format::Csv).unwrap_err().contains("--turns is -1"));
+        let deep = printed(&["--turns", "1e12"], Format::Csv).unwrap_err();
+        assert!(deep.starts_with("--turns is 1000000000000, expected a smaller depth"), "{deep}");
         assert!(printed(&["--turns", "5", "--wear-mm", "0.1"], Format::Csv).is_err());
     }
 
@@ -242,7 +247,7 @@ mod tests {
         assert!(
             printed(&["--torque-nm", "0"], Format::Csv).unwrap_err().contains("operation.torque_nm is 0")
         );
-        assert!(printed(&["--wear-mm", "NaN"], Format::Csv).unwrap_err().contains("wear depth in mm is NaN"));
+        assert!(printed(&["--wear-mm", "NaN"], Format::Csv).unwrap_err().contains("--wear-mm is NaN mm"));
         assert!(printed(&["--points", "1"], Format::Csv).unwrap_err().contains("points is 1"));
         assert!(printed(&["--pair", "no/such.toml"], Format::Csv).unwrap_err().contains("no/such.toml"));
         assert!(printed(&["--wear-mm", "0.1", "--profile", "x.csv"], Format::Csv).is_err());

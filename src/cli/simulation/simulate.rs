@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use super::library::progress_bar;
 use super::pair_file;
 use crate::cli::client::server::asset_id;
+use crate::cli::output_check::{check_apart, check_new, check_place};
 use crate::cli::time::parse_time;
 use crate::cli::{CliError, output};
 use crate::recording::{McapCompression, McapOptions, McapWriter, WavWriter};
@@ -38,7 +39,7 @@ pub(in crate::cli) struct SimulateArgs {
     #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
     /// Number of records
-    #[arg(long, default_value_t = 300)]
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     records: u32,
     /// Length of each record in seconds
     #[arg(long, value_name = "S", default_value_t = 10.0)]
@@ -99,6 +100,12 @@ pub(in crate::cli) fn run(args: &SimulateArgs) -> Result<(), CliError> {
     });
     let run = run.map_err(|error| match error {
         SimulationError::Plan { field, value, expected } => CliError::option(field, value, expected),
+        SimulationError::Gear(error) => {
+            let depth = args
+                .max_wear_um
+                .map_or_else(|| "the default".to_owned(), |depth_um| format!("{depth_um} µm"));
+            CliError::wear("--max-wear-um", depth, error)
+        }
         error => error.into(),
     })?;
     let bar = progress_bar(u64::from(args.records), "records");
@@ -117,10 +124,15 @@ fn check_output(args: &SimulateArgs) -> Result<(), CliError> {
     if args.interval <= 0.0 {
         return Err(CliError::argument("--interval", args.interval, "a time above 0 s"));
     }
+    if args.records > 1 && args.interval < args.seconds {
+        let expected = format!("at least --seconds ({} s), as records must not overlap", args.seconds);
+        return Err(CliError::argument("--interval", format!("{} s", args.interval), expected));
+    }
     match (args.out.extension().and_then(|extension| extension.to_str()), &args.asset) {
         (Some("mcap"), asset) => {
             asset_id(asset.as_deref().unwrap_or(ASSET))?;
-            output::check_new(&args.out, args.force)
+            check_apart("--out", &args.out, args.pair.as_deref(), "the gear pair file")?;
+            check_new(&args.out, args.force)
         }
         (Some("wav"), None) => check_folder(args),
         (Some("wav"), Some(_)) => {
@@ -192,7 +204,7 @@ fn wav_name(index: u32) -> String {
 /// without --force, also one with records that it replaces.
 fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
     if !args.out.exists() {
-        return output::check_folder(&args.out);
+        return check_place(&args.out);
     }
     let replaced: BTreeSet<PathBuf> = (0..args.records).map(|index| args.out.join(wav_name(index))).collect();
     for entry in fs::read_dir(&args.out).map_err(CliError::file(&args.out))? {
@@ -205,7 +217,7 @@ fn check_folder(args: &SimulateArgs) -> Result<(), CliError> {
             )));
         }
     }
-    replaced.iter().try_for_each(|path| output::check_new(path, args.force))
+    replaced.iter().try_for_each(|path| check_new(path, args.force))
 }
 
 fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {

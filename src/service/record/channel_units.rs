@@ -24,9 +24,14 @@ pub(crate) struct ChannelUnits {
 }
 
 impl ChannelUnits {
+    /// The units that a description gives.
+    pub(crate) fn described(spec: &AssetSpec) -> Self {
+        Self { by_channel: spec.channel_units().into_iter().collect(), others: spec.sensor.unit.clone() }
+    }
+
     /// Reads the known units of an asset's channels.
     pub(crate) async fn load(store: &Store, spec: &AssetSpec) -> Result<Self, ServiceError> {
-        let mut by_channel: HashMap<String, String> = spec.channel_units().into_iter().collect();
+        let Self { mut by_channel, others } = Self::described(spec);
         for (channel, unit) in store.channel_units(&spec.id).await? {
             // If no unit was given so far, the description may give it later.
             if unit != UNKNOWN {
@@ -35,7 +40,7 @@ impl ChannelUnits {
                 by_channel.entry(channel).or_insert(unit);
             }
         }
-        Ok(Self { by_channel, others: spec.sensor.unit.clone() })
+        Ok(Self { by_channel, others })
     }
 
     /// Adds what is known of other channels, from earlier records of the same recording that may not be stored

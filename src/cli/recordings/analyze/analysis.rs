@@ -20,6 +20,7 @@ use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, Missing
 use crate::library::LibraryError;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
+use crate::service::ChannelUnits;
 use crate::signal::{
     AnalysisSettings, Analyzer, BandSource, BearingSettings, Condition, ConditionSettings, EnvelopeBand,
     EnvelopeSearch, MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
@@ -34,21 +35,27 @@ pub(super) struct Analysis<'a> {
     args: &'a AnalyzeArgs,
     asset: Option<AssetSpec>,
     analyzer: Analyzer,
+    units: ChannelUnits,
     pub(super) records: Vec<AnalyzedRecord>,
     last_spectrum: Option<Spectrum>,
     alarms: Vec<ReportedAlarm>,
+    /// Whether a band without an envelope was reported.
+    has_told_envelope: bool,
 }
 
 impl<'a> Analysis<'a> {
     /// Creates an analysis without records.
     pub(super) fn new(args: &'a AnalyzeArgs, asset: Option<AssetSpec>) -> Self {
+        let units = asset.as_ref().map(ChannelUnits::described).unwrap_or_default();
         Self {
             args,
             asset,
+            units,
             analyzer: Analyzer::new(AnalysisSettings::default()),
             records: Vec::new(),
             last_spectrum: None,
             alarms: Vec::new(),
+            has_told_envelope: false,
         }
     }
 
@@ -105,7 +112,7 @@ impl<'a> Analysis<'a> {
                     .get_or_insert_with(|| progress.print(&format!("note: {}: {UNDATED}", path.display())));
             }
             *next_start = self.args.values.next_start(*next_start, recorded.record.end_time());
-            self.analyze_record(path, recorded);
+            self.analyze_record(path, recorded, progress)?;
             progress.set_read(file.bytes_read());
         }
         *next_start =
@@ -113,8 +120,15 @@ impl<'a> Analysis<'a> {
         Ok(())
     }
 
-    fn analyze_record(&mut self, path: &Path, recorded: Recorded) {
-        let record = recorded.record;
+    fn analyze_record(
+        &mut self,
+        path: &Path,
+        recorded: Recorded,
+        progress: &ReadingProgress,
+    ) -> Result<(), CliError> {
+        // One channel has one unit, as in the service.
+        self.units.learn_unit(&recorded.record);
+        let (record, _) = self.units.convert(recorded.record).map_err(CliError::file(path))?;
         // Without a description there is no mesh, so its indicators are not listed as absent either.
         let undescribed = ConditionSettings {
             mesh: MeshContext::unknown(),
@@ -129,6 +143,12 @@ impl<'a> Analysis<'a> {
         let Condition { analysis, basis } = self.analyzer.condition(&at_shaft, &settings);
         let envelope =
             self.args.envelope.map(|arg| self.envelope(&record, analysis.shaft_speed.as_ref(), arg));
+        if let Some(reason) = envelope.as_ref().and_then(|envelope| envelope.absent.as_ref())
+            && !self.has_told_envelope
+        {
+            self.has_told_envelope = true;
+            progress.print(&format!("warning: {}: no envelope spectrum: {reason}", path.display()));
+        }
         if self.args.report.is_some() {
             self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
         }
@@ -148,6 +168,7 @@ impl<'a> Analysis<'a> {
                 .map(|speed| speed.mesh_frequency_hz)
                 .filter(|&hz| hz > 0.0),
             basis,
+            velocity_zone: self.asset.as_ref().and_then(|asset| asset.velocity_zone(&analysis.indicators)),
             indicators: analysis.indicators,
             envelope,
             wear: None,
@@ -158,6 +179,7 @@ impl<'a> Analysis<'a> {
             shaft_speed: analysis.shaft_speed,
             features: analysis.features,
         });
+        Ok(())
     }
 
     fn envelope(

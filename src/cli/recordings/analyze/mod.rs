@@ -17,8 +17,10 @@ use self::envelope::EnvelopeArg;
 use self::table::Column;
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
-use super::recording_values::RecordingValues;
+use super::recording_values::{RecordingValues, parse_rate};
 use crate::asset::AssetSpec;
+use crate::cli::output_check::{OutputKind, check_apart, check_result};
+use crate::cli::simulation::ensemble::parse_members;
 use crate::cli::{CliError, output};
 use crate::library::EnsembleSettings;
 
@@ -31,11 +33,11 @@ pub(in crate::cli) struct AnalyzeArgs {
     /// and patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Channels to analyse, by header name or number from 1 [default: all]
+    /// Channels to analyse, by name or, in CSV, number of the column from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     channels: Vec<String>,
     /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
@@ -62,7 +64,7 @@ pub(in crate::cli) struct AnalyzeArgs {
     /// Torque on the driving shaft in N·m, for recordings without one
     #[arg(long, value_name = "NM")]
     torque_nm: Option<f64>,
-    /// Add each record's envelope spectrum to the JSON output, in this band
+    /// Add the 8 highest lines of each record's envelope spectrum to the JSON output, in this band
     ///
     /// asset: the band of the asset file; mesh: around the strongest mesh harmonic; kurtogram: the band with
     /// the highest spectral kurtosis; LOW,HIGH: limits in Hz.
@@ -71,8 +73,9 @@ pub(in crate::cli) struct AnalyzeArgs {
     /// Data folder; libraries are cached in its folder `libraries`
     #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]
     data_dir: PathBuf,
-    /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
-    #[arg(long, default_value_t = EnsembleSettings::default().members)]
+    /// Number of varied gear pairs (ensemble members) to estimate with, up to 10240; 0 uses only the
+    /// described pair
+    #[arg(long, default_value_t = EnsembleSettings::default().members, value_parser = parse_members)]
     members: usize,
 }
 
@@ -91,11 +94,11 @@ enum Format {
 pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     let asset = args.asset.as_deref().map(read_asset).transpose()?;
     let columns = Column::parse(&args.columns, asset.as_ref())?;
-    check_options(args)?;
+    let files = recording_files(&args.files)?;
+    check_options(args, &files)?;
     let mut analysis = Analysis::new(args, asset);
     let mut next_start = args.values.start_time();
     let mut failed = 0;
-    let files = recording_files(&args.files)?;
     let mut progress = ReadingProgress::new(&files);
     for path in &files {
         progress.begin(path);
@@ -126,7 +129,7 @@ pub(in crate::cli) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
 }
 
 /// Rejects options that have no effect, and a report that cannot be written.
-fn check_options(args: &AnalyzeArgs) -> Result<(), CliError> {
+fn check_options(args: &AnalyzeArgs, files: &[PathBuf]) -> Result<(), CliError> {
     if !args.columns.is_empty() && args.format != Format::Table {
         let detail = "--columns is given with another format, expected --format table";
         return Err(CliError::Argument(detail.to_owned()));
@@ -135,7 +138,10 @@ fn check_options(args: &AnalyzeArgs) -> Result<(), CliError> {
         let detail = "--envelope is given with another format, expected --format json";
         return Err(CliError::Argument(detail.to_owned()));
     }
-    args.report.as_deref().map_or(Ok(()), output::check_folder)
+    let Some(report) = &args.report else { return Ok(()) };
+    let inputs = files.iter().chain(&args.asset).map(PathBuf::as_path);
+    check_apart("--report", report, inputs, "the recordings and the asset file")?;
+    check_result(report, OutputKind::Page)
 }
 
 fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {

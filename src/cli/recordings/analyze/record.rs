@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::envelope::AnalyzedEnvelope;
-use crate::asset::json_name;
+use crate::asset::{VelocityZone, json_name};
 use crate::estimate::WearEstimate;
 use crate::report::ReportedRecord;
 use crate::signal::{Basis, Features, Indicators, ShaftSpeed, SpeedDoubt, SpeedSource};
@@ -33,6 +33,9 @@ pub(super) struct AnalyzedRecord {
     pub(super) basis: Basis,
     #[serde(flatten)]
     pub(super) indicators: Indicators,
+    /// The zone of the velocity, if the asset has zones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) velocity_zone: Option<VelocityZone>,
     /// The envelope spectrum, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) envelope: Option<AnalyzedEnvelope>,

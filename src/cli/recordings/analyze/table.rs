@@ -125,6 +125,7 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
 /// Describes the time range of records.
 fn times(first: &AnalyzedRecord, last: &AnalyzedRecord) -> String {
     match first.start_time.zip(last.start_time) {
+        Some((first, last)) if first == last => first.strftime("%Y-%m-%d %H:%M UTC").to_string(),
         Some((first, last)) => {
             format!("{} to {}", first.strftime("%Y-%m-%d %H:%M"), last.strftime("%Y-%m-%d %H:%M UTC"))
         }

@@ -10,8 +10,9 @@ use clap::Args;
 
 use super::library::progress_bar;
 use super::pair_file;
+use crate::cli::output_check::{OutputKind, check_apart, check_result};
 use crate::cli::{CliError, output};
-use crate::figures::{self, FigureSettings};
+use crate::figures::{self, FigureSettings, FiguresError};
 use crate::gear::ContactRule;
 
 /// Arguments of `flankwatch figures`.
@@ -37,6 +38,17 @@ pub(in crate::cli) struct FiguresArgs {
     rate: f64,
 }
 
+/// Checks the outputs before the simulation.
+fn check_outputs(args: &FiguresArgs) -> Result<(), CliError> {
+    let pair = args.pair.as_deref();
+    check_apart("--out", &args.out, pair, "the gear pair file")?;
+    check_result(&args.out, OutputKind::Page)?;
+    let Some(data) = &args.data else { return Ok(()) };
+    check_apart("--data", data, pair, "the gear pair file")?;
+    check_apart("--data", data, [args.out.as_path()], "--out")?;
+    check_result(data, OutputKind::Json)
+}
+
 /// Runs the command. A statement that fails its check is a result, not an error.
 pub(in crate::cli) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     let mut settings =
@@ -44,11 +56,22 @@ pub(in crate::cli) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     if let Some(&[slight, moderate, severe]) = args.wear_um.as_deref() {
         settings.wear_um = [slight, moderate, severe];
     }
+    check_outputs(args)?;
     let mut pair = pair_file::read(args.pair.as_deref())?;
     // The figures show the paper's multi-tooth rule, whatever rule the pair file has.
     pair.dynamics.contact = ContactRule::Threshold;
     let bar = progress_bar(u64::from(settings.states), "wear states");
-    let figures = figures::compute(&pair, &settings, &|done| bar.set_position(done as u64))?;
+    let figures = figures::compute(&pair, &settings, &|done| bar.set_position(done as u64));
+    let figures = figures.map_err(|error| match error {
+        FiguresError::Gear(error) => {
+            let [slight, moderate, severe] = settings.wear_um;
+            CliError::wear("--wear-um", format!("{slight} {moderate} {severe} µm"), error)
+        }
+        FiguresError::Setting { field: "wear_um", value, expected } => {
+            CliError::argument("--wear-um", value, expected)
+        }
+        error => error.into(),
+    })?;
     bar.finish_and_clear();
     output::write_file(&args.out, page::html(&figures).as_bytes())?;
     if let Some(path) = &args.data {
