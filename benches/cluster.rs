@@ -4,8 +4,8 @@
 //! Requires a PostgreSQL server at `FLANKWATCH_TEST_DATABASE` and a NATS server with JetStream at
 //! `FLANKWATCH_TEST_NATS`. The workers own their partitions and are suspended while the queue is filled, so
 //! that only the processor limits them; raw bytes are in a folder. The processor time of the servers is read
-//! from `/proc` if they run on this machine. `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers (`1,2,4`),
-//! `FLANKWATCH_BENCH_AT_ONCE` the records that each processes at the same time.
+//! from `/proc` if they run on this machine. `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers
+//! (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` the records that each processes at the same time.
 
 #[expect(dead_code, reason = "other benches use more of it")]
 mod driven;

@@ -89,7 +89,8 @@ impl CliError {
         move |source| Self::File { path: path.clone(), source: source.into() }
     }
 
-    /// Returns a closure for `map_err` on reading a recording; the message names the option for what it lacks.
+    /// Returns a closure for `map_err` on reading a recording; the message names the option for what it
+    /// lacks.
     pub(super) fn recording(path: &Path) -> impl Fn(RecordingError) -> Self {
         let failed = Self::file::<Box<dyn Error + Send + Sync>>(path);
         move |error| {

@@ -46,7 +46,8 @@ pub(super) struct ReplayFiles {
 
 /// List recordings that can be replayed
 ///
-/// Recordings in the configured folder and its subfolders, in any supported format. A node of a cluster has no such folder.
+/// Recordings in the configured folder and its subfolders, in any supported format. A node of a cluster has
+/// no such folder.
 #[utoipa::path(
     get,
     path = "/v1/replay-files",

@@ -72,8 +72,8 @@ impl MqttFeed {
         Ok(Self { feed, stop, task })
     }
 
-    /// Stops taking messages, finishes those in progress within `grace`, and disconnects from the broker, which
-    /// keeps the rest.
+    /// Stops taking messages, finishes those in progress within `grace`, and disconnects from the broker,
+    /// which keeps the rest.
     pub async fn stop(mut self, grace: Duration) {
         // An error means that the task has ended already.
         let _ = self.stop.send(true);

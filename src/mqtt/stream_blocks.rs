@@ -33,8 +33,8 @@ pub(super) struct StreamBlocks {
 }
 
 impl StreamBlocks {
-    /// Passes a block to the task of its stream, which is started if there is none. The slots of the connection
-    /// limit the number of queued blocks.
+    /// Passes a block to the task of its stream, which is started if there is none. The slots of the
+    /// connection limit the number of queued blocks.
     pub(super) fn pass(
         &mut self,
         message: Message,

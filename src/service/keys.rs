@@ -11,8 +11,8 @@ use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
 
-/// Identifies the set of indicators that the fold computes (NA4, NB4 and novelty), and after which records its
-/// state is stored: a process that expects it after each record does not continue these histories.
+/// Identifies the set of indicators that the fold computes (NA4, NB4 and novelty), and after which records
+/// its state is stored: a process that expects it after each record does not continue these histories.
 const RUN_INDICATORS: &str = "run-3";
 
 /// Hashes everything except the raw bytes that the analysis of a record of this asset depends on.

@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+#[cfg(any(feature = "mqtt", feature = "postgres"))]
 use axum::http::Uri;
 use thiserror::Error;
 use ureq::tls::{Certificate, PemItem, parse_pem};
@@ -52,6 +53,7 @@ impl SettingError {
 }
 
 /// Returns the host and the port of a URL; `None` without a host, or where the port is not from 1 to 65535.
+#[cfg(any(feature = "mqtt", feature = "postgres"))]
 pub(crate) fn host_and_port(url: &Uri) -> Option<(&str, Option<u16>)> {
     let authority = url.authority()?;
     let host = Some(authority.host()).filter(|host| !host.is_empty())?;

@@ -26,8 +26,8 @@ pub struct Audit {
     pub bytes: u64,
     /// Number of raw objects in quarantine.
     pub quarantined: u64,
-    /// Number of unreferenced raw objects of a shared store that are too young for quarantine: they may belong to
-    /// records that wait in the queue.
+    /// Number of unreferenced raw objects of a shared store that are too young for quarantine: they may
+    /// belong to records that wait in the queue.
     pub unreferenced: u64,
     /// The findings, at most the first thousand.
     pub findings: Vec<Finding>,

@@ -452,7 +452,8 @@ export const CHECKS = {
       audio("dated_20260401_080000.wav", wav(2200)),
     ]);
     await spacing.getByText("3 files have no recording time").waitFor();
-    // until a start is entered, the last record is as old as the latest file: the service takes none of the future
+    // until a start is entered, the last record is as old as the latest file: the service takes none of the
+    // future
     const offered = async () => Date.parse(`${await spacing.getByLabel("First record, UTC").inputValue()}Z`);
     const last = async () =>
       Date.parse(

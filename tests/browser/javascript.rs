@@ -1,5 +1,5 @@
-//! The dashboard's modules, type-checked by the TypeScript compiler against the API description, and Plotly.js,
-//! compared with the published package.
+//! The dashboard's modules, type-checked by the TypeScript compiler against the API description, and
+//! Plotly.js, compared with the published package.
 
 use std::fs;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Live streams in a cluster: any node receives a stream, shows it and acts on it; a killed node loses nothing
-//! that it acknowledged.
+//! Live streams in a cluster: any node receives a stream, shows it and acts on it; a killed node loses
+//! nothing that it acknowledged.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -43,8 +43,8 @@ fn send(socket: &mut StreamSocket, first: u64, until: u64, loud_from: u64) {
     assert_eq!(socket.wait_for(until), [[0; 2]; 0]);
 }
 
-/// Waits until all records of the stream are stored, and returns their first samples and lengths; their samples
-/// must be those that were sent.
+/// Waits until all records of the stream are stored, and returns their first samples and lengths; their
+/// samples must be those that were sent.
 #[track_caller]
 fn records(client: &Client, number: usize, loud_from: u64) -> Vec<(u64, u64)> {
     client.wait_for("/v1/assets/pump/stream", |status| {
@@ -176,8 +176,8 @@ impl Sender {
         self.acknowledged = self.next;
     }
 
-    /// Sends until everything before an index is acknowledged; false if the connection is lost. `sent` gets the
-    /// index after each message.
+    /// Sends until everything before an index is acknowledged; false if the connection is lost. `sent` gets
+    /// the index after each message.
     fn send(&mut self, until: u64, mut sent: impl FnMut(u64)) -> bool {
         while self.acknowledged < until {
             if self.next < until && self.next < self.acknowledged + WINDOW {

@@ -22,8 +22,8 @@ const ROUNDS: u64 = 6;
 /// Records sent in each round while calls fail.
 const RECORDS: u32 = 40;
 
-/// The calls that fail, as libfiu names them. `write` is not among them: the asynchronous runtime cannot go on
-/// without its own pipes.
+/// The calls that fail, as libfiu names them. `write` is not among them: the asynchronous runtime cannot go
+/// on without its own pipes.
 const CALLS: [&str; 9] = [
     "posix/io/rw/pread",
     "posix/io/rw/pwrite",

@@ -198,8 +198,8 @@ fn channels_of_a_healthy_gearbox_correlate_less_than_assumed() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
-    // Most pieces of a healthy machine have p-values above one half, a deviate of 0: both lengths together give
-    // each channel enough others.
+    // Most pieces of a healthy machine have p-values above one half, a deviate of 0: both lengths together
+    // give each channel enough others.
     let mut deviates: [Vec<f64>; 4] = Default::default();
     for piece in [PIECE, PIECE / 2] {
         for load in ["0", "50", "90"] {

@@ -23,8 +23,8 @@ fn shares(answers: &[WearEstimate], what: &str) -> [usize; 2] {
 }
 
 /// The healthy gearbox with a baseline of 0.4 s pieces, and the rest of the same recording cut at other
-/// lengths or resampled: no piece is flagged. 0.1 s are three turns, too few to tell the mesh lines from their
-/// sidebands.
+/// lengths or resampled: no piece is flagged. 0.1 s are three turns, too few to tell the mesh lines from
+/// their sidebands.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_healthy_gearbox_is_not_flagged_at_any_record_length() {

@@ -1,5 +1,5 @@
-//! A channel of a live stream that is the signal of a tachometer: records have its pulses instead, whatever way
-//! the samples arrive.
+//! A channel of a live stream that is the signal of a tachometer: records have its pulses instead, whatever
+//! way the samples arrive.
 
 use flankwatch::recording::{BlockEncoding, RecordDefaults, decode_block};
 use serde_json::{Value, json};

@@ -260,7 +260,8 @@ pub(crate) fn plain_asset(id: &str) -> Value {
     })
 }
 
-/// Returns the description of an asset with a small pair, whose face width tells it from those of other tests.
+/// Returns the description of an asset with a small pair, whose face width tells it from those of other
+/// tests.
 pub(crate) fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
     let mut asset = plain_asset(id);
     asset["gear"]["pair"] = json!({

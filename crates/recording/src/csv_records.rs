@@ -43,7 +43,8 @@ pub struct TimedCsvFrames<R> {
 }
 
 impl<R: Read> TimedCsvFrames<R> {
-    /// Joins the frames of a file with its timing. Counters and times beside the time column are not channels.
+    /// Joins the frames of a file with its timing. Counters and times beside the time column are not
+    /// channels.
     pub fn new(mut frames: CsvFrames<R>, timing: CsvTiming) -> Self {
         frames.leave_out(&timing.counters);
         Self { frames, timing }

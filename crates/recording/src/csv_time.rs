@@ -161,8 +161,8 @@ struct Steps {
     /// The longest step and its line, and the shortest step above zero.
     longest: (i64, u64),
     shortest: Option<i64>,
-    /// Sums over the times in nanoseconds since the first one: of them, their squares, and their products with
-    /// the number of the line.
+    /// Sums over the times in nanoseconds since the first one: of them, their squares, and their products
+    /// with the number of the line.
     sum: f64,
     squares: f64,
     products: f64,

@@ -196,7 +196,8 @@ impl<F: Frames> RecordBlocks<F> {
     /// Reads a recording as one record per channel.
     ///
     /// # Errors
-    /// Those of [`Frames::info`] and [`FramesInfo::units_and_scales`]; a recording longer than a record may be.
+    /// Those of [`Frames::info`] and [`FramesInfo::units_and_scales`]; a recording longer than a record may
+    /// be.
     pub fn whole(frames: F, defaults: &RecordDefaults) -> Result<Self, RecordingError> {
         let info = frames.info(defaults)?;
         let count = usize::try_from(info.frames_at_most).unwrap_or(usize::MAX);

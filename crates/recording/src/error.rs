@@ -18,7 +18,8 @@ impl RecordingError {
         }
     }
 
-    /// Returns the field with an invalid value, the value, and what was expected, where the error is about one.
+    /// Returns the field with an invalid value, the value, and what was expected, where the error is about
+    /// one.
     pub fn invalid_field(&self) -> Option<(&'static str, String, String)> {
         match self {
             Self::Field { field, value, expected } | Self::Content { field, value, expected, .. } => {

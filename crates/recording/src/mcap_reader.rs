@@ -26,8 +26,8 @@ const MAX_PENDING_BYTES: usize = 128 << 20;
 /// unchanged. Messages on `/{asset}/operating_point` apply to the asset's following waveforms as far as these
 /// state no operating point. Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same
 /// time, before or after them in the file, unless these contain pulses or state that they have none. A
-/// waveform waits for pulses past its end while at most 64 records, 4 million samples and 128 MiB are waiting.
-/// The latest 4 million pulses of an asset are kept, and 8 million over all assets. A message on
+/// waveform waits for pulses past its end while at most 64 records, 4 million samples and 128 MiB are
+/// waiting. The latest 4 million pulses of an asset are kept, and 8 million over all assets. A message on
 /// `/{asset}/driven/tachometer` without a shaft belongs to the driven shaft and is ignored; any other word in
 /// that position is a location. A start time of 0 is replaced by the message's publish time.
 ///

@@ -38,8 +38,8 @@ pub struct RecordDefaults {
     /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is
     /// 1 before it is applied.
     pub scale: Option<f64>,
-    /// Sensitivity of the sensor in mV/g: converts values that are in volts after `scale`, or in millivolts if
-    /// the recording states so, to g.
+    /// Sensitivity of the sensor in mV/g: converts values that are in volts after `scale`, or in millivolts
+    /// if the recording states so, to g.
     pub sensitivity_mv_per_g: Option<f64>,
     /// Unit of the samples.
     pub unit: Option<String>,

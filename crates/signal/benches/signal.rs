@@ -170,7 +170,8 @@ fn main() {
     println!("on all cores at once: {transform_ms:.3} ms one real transform, {condition_ms:.3} ms condition");
 }
 
-/// Milliseconds that each core takes for a task while all others have the same one, in the best of some rounds.
+/// Milliseconds that each core takes for a task while all others have the same one, in the best of some
+/// rounds.
 fn on_all_cores_ms<T: FnMut()>(task: impl Fn() -> T + Sync) -> f64 {
     const REPEATS: u32 = 40;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);

@@ -260,8 +260,8 @@ impl<'a> Comb<'a> {
         })
     }
 
-    /// Returns 2 or 3 if only every second or third harmonic has a line, and at least `min_multiples` have one:
-    /// the true mesh frequency is that multiple.
+    /// Returns 2 or 3 if only every second or third harmonic has a line, and at least `min_multiples` have
+    /// one: the true mesh frequency is that multiple.
     fn missing_multiple(&self, min_multiples: usize) -> Option<f64> {
         [2, 3].into_iter().find_map(|factor| {
             let found = self.orders().filter(|order| self.has_line(*order));

@@ -173,7 +173,8 @@ pub enum RecordError {
 }
 
 impl RecordError {
-    /// Returns the field with an invalid value, the value, and what was expected, where the error is about one.
+    /// Returns the field with an invalid value, the value, and what was expected, where the error is about
+    /// one.
     pub fn invalid_field(&self) -> Option<(&'static str, String, String)> {
         match self {
             Self::OperatingPoint { field, value, expected } => {

@@ -230,8 +230,8 @@ impl ShaftAngle {
     }
 }
 
-/// Standard deviation in seconds of single pulses of even marks about a smooth motion: the root mean square of
-/// their third differences over √20, which equals the standard deviation for independent errors. A linear
+/// Standard deviation in seconds of single pulses of even marks about a smooth motion: the root mean square
+/// of their third differences over √20, which equals the standard deviation for independent errors. A linear
 /// change of the interval has no third difference.
 fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
     const MIN_PULSES: usize = 5;

@@ -29,8 +29,8 @@ const BINS_PER_DEGREE: f64 = 1.5;
 /// (mean square). A few lines of something else do not.
 const MIN_TYPICAL_RATIO: f64 = 1.2;
 
-/// Largest contribution of one harmonic to the logarithm of a comb's likelihood ratio: one line alone is not a
-/// comb.
+/// Largest contribution of one harmonic to the logarithm of a comb's likelihood ratio: one line alone is not
+/// a comb.
 const MAX_LIKELIHOOD: f64 = 12.0;
 
 /// Weight of the logarithm of what exceeds that.
@@ -73,8 +73,8 @@ impl SmearedLines {
             let count = last + 1 - first;
             let is_filled = 2 * (raised[last + 1] - raised[first]) as usize > count;
             let ratio = (energy[last + 1] - energy[first]) / (count as f64 * noise[bin]);
-            // The squares of n bins of noise are exponential with mean b². For a mean of r·b² the logarithm of
-            // the likelihood ratio is n(r − 1 − ln r).
+            // The squares of n bins of noise are exponential with mean b². For a mean of r·b² the logarithm
+            // of the likelihood ratio is n(r − 1 − ln r).
             if is_filled && ratio > 1.0 {
                 count as f64 / BINS_PER_DEGREE * (ratio - 1.0 - ratio.ln())
             } else {

@@ -9,8 +9,8 @@ use super::sums::mean_of;
 /// A line's ratio to the noise is limited to this, as one strong line is no comb.
 const MAX_LINE_RATIO: f64 = 32.0;
 
-/// The logarithm of a smeared line's likelihood ratio is limited to this. The limit is high, because sidebands
-/// smear into each other between the lines of a comb.
+/// The logarithm of a smeared line's likelihood ratio is limited to this. The limit is high, because
+/// sidebands smear into each other between the lines of a comb.
 const MAX_SMEARED_LIKELIHOOD: f64 = 1000.0;
 
 /// A line counts for a harmonic within this fraction of its position plus this many bins.

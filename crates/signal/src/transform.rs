@@ -160,8 +160,8 @@ impl<T: Float> Transforms<T> {
     }
 }
 
-/// Moves the matching plan of a list to its front, or makes it in place of the one least recently used, if the
-/// list has `most` plans.
+/// Moves the matching plan of a list to its front, or makes it in place of the one least recently used, if
+/// the list has `most` plans.
 fn newest<P>(plans: &mut Vec<P>, most: usize, matches: impl Fn(&P) -> bool, make: impl FnOnce() -> P) -> &P {
     match plans.iter().position(matches) {
         Some(index) => plans[..=index].rotate_right(1),

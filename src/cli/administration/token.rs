@@ -25,8 +25,8 @@ enum Action {
     Create {
         /// Name that says what the token is for.
         name: String,
-        /// read: view; write: also send records, run replays, act on alarms and report maintenance; admin: also
-        /// manage assets and tokens, and delete records.
+        /// read: view; write: also send records, run replays, act on alarms and report maintenance; admin:
+        /// also manage assets and tokens, and delete records.
         #[arg(long, default_value = "read", value_parser = from_json_name::<Scope>)]
         scope: Scope,
     },

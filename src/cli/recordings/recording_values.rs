@@ -18,7 +18,8 @@ pub(in crate::cli) struct RecordingValues {
     /// and FLAC are scaled to 1
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
-    /// Sensor sensitivity in mV/g: converts values in volts (after --scale), or in mV if a CSV states so, to g
+    /// Sensor sensitivity in mV/g: converts values in volts (after --scale), or in mV if a CSV states so, to
+    /// g
     #[arg(long, value_name = "MV_PER_G")]
     sensitivity_mv_per_g: Option<f64>,
     /// Read the time of the first sample from the file name, by a pattern such as %Y%m%d_%H%M%S

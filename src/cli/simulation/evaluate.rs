@@ -72,8 +72,9 @@ pub(in crate::cli) struct EvaluateArgs {
     /// Score recorded runs instead of simulated ones: folders of WAV files with a truth.csv
     ///
     /// Each WAV file is a record, in order of file names; truth.csv has a column wear_um with one row per
-    /// file. A column file names the file of each row; without it, the rows are in the same order. `flankwatch
-    /// simulate --out RUN.wav` writes such a folder. Channels are scored individually and together.
+    /// file. A column file names the file of each row; without it, the rows are in the same order.
+    /// `flankwatch simulate --out RUN.wav` writes such a folder. Channels are scored individually and
+    /// together.
     #[arg(long, num_args = 1.., value_name = "FOLDER", group = "tracked")]
     recorded: Vec<PathBuf>,
     /// Score runs of this many ensemble members, each estimated with all other members

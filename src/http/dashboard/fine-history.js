@@ -1,4 +1,5 @@
-// A long history is fetched in reduced form. Of a range of time that is zoomed in to, every record is fetched.
+// A long history is fetched in reduced form. Of a range of time that is zoomed in to, every record is
+// fetched.
 
 const MARGIN = 0.1; // of a range, on either side, so that lines reach the edges of the plot
 

@@ -1,5 +1,5 @@
-// The records stored by the latest import into an asset. The browser keeps their ids, so that the import can be
-// undone after the page is reloaded.
+// The records stored by the latest import into an asset. The browser keeps their ids, so that the import can
+// be undone after the page is reloaded.
 
 import { settle, ApiError, deleteRecords, segment } from "./api.js";
 

@@ -1,5 +1,5 @@
-// Further entries of the lists of a description: measuring points, bearings, bands, other meshes. The first of
-// each has its fields in the form; every further one has them in a box of its own.
+// Further entries of the lists of a description: measuring points, bearings, bands, other meshes. The first
+// of each has its fields in the form; every further one has them in a box of its own.
 
 import { h } from "./dom.js";
 import { SETUP_FIELDS } from "./setup-fields.js";

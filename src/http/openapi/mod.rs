@@ -136,8 +136,8 @@ fn add_path_parameters(path: &str, operation: &mut Value) {
     }
 }
 
-/// Adds the problems that every such operation can return, and the content of all problems. A response without
-/// a description gets the standard text of its status.
+/// Adds the problems that every such operation can return, and the content of all problems. A response
+/// without a description gets the standard text of its status.
 fn add_problems(path: &str, operation: &mut Value) {
     let mut problems = COMMON.to_vec();
     if path.contains('{') {

@@ -17,8 +17,8 @@ use crate::store::{
     StoredFeatures, StoredFoldState, is_stored,
 };
 
-/// Records whose states are held in memory: records of parallel connections arrive nearly in order. A state to
-/// be stored is among them.
+/// Records whose states are held in memory: records of parallel connections arrive nearly in order. A state
+/// to be stored is among them.
 const RECENT: u64 = RECORDS_PER_STATE;
 
 /// The states of this many newest records are all held, before them that of each `DENSE`th record.

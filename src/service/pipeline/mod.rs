@@ -75,8 +75,8 @@ pub(crate) use read_ahead::{ReadBatch, RecordStream};
 pub(crate) use recording::RecordedBatch;
 pub use summary::{BatchSummary, Refused};
 
-/// Maximum number of times that a record is analysed because its asset's description or the unit of its channel
-/// changes in the meantime.
+/// Maximum number of times that a record is analysed because its asset's description or the unit of its
+/// channel changes in the meantime.
 const MAX_TRIES: u32 = 5;
 
 /// The outcome of an accepted record.
@@ -423,7 +423,8 @@ impl Pipeline {
         Ok(queued.collect())
     }
 
-    /// Reads a queued record from its raw bytes. The unit of its channel may be known only since it was queued.
+    /// Reads a queued record from its raw bytes. The unit of its channel may be known only since it was
+    /// queued.
     async fn identify_queued(
         &self,
         queued: RecordMetadata,

@@ -43,8 +43,8 @@ impl ChannelUnits {
         Ok(Self { by_channel, others })
     }
 
-    /// Adds what is known of other channels, from earlier records of the same recording that may not be stored
-    /// yet.
+    /// Adds what is known of other channels, from earlier records of the same recording that may not be
+    /// stored yet.
     pub(crate) fn extend(&mut self, earlier: &Self) {
         for (channel, unit) in &earlier.by_channel {
             self.by_channel.entry(channel.clone()).or_insert_with(|| unit.clone());

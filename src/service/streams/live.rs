@@ -186,8 +186,8 @@ impl LiveStream {
         self.with(|stored| work(stored.as_mut().ok_or_else(|| self.unknown())?))
     }
 
-    /// Runs `work` for a sender, who knows the stream unless another one has replaced it. The stream is created
-    /// first from `new_stream` if there is none yet.
+    /// Runs `work` for a sender, who knows the stream unless another one has replaced it. The stream is
+    /// created first from `new_stream` if there is none yet.
     pub(super) fn with_sent<T>(
         &self,
         owner: u64,

@@ -99,13 +99,14 @@ impl Streams {
         Arc::new(Self { store, workers, pipeline, clock, storage, events, all, records_at_once, is_over })
     }
 
-    /// Opens a stream for sending, a new one or an existing one. A new one is created with its first sample. A
-    /// previous sender is notified that it has been replaced. `first` is the index at which a new stream starts;
-    /// by default that of its first sample.
+    /// Opens a stream for sending, a new one or an existing one. A new one is created with its first sample.
+    /// A previous sender is notified that it has been replaced. `first` is the index at which a new stream
+    /// starts; by default that of its first sample.
     ///
     /// # Errors
     /// The asset has no sensor of its own; its unit cannot be converted to that of a channel; the stream has
-    /// another format; a record of it would be too large; the asset has too many streams; the stream may be that of an asset which the database has lost.
+    /// another format; a record of it would be too large; the asset has too many streams; the stream may be
+    /// that of an asset which the database has lost.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,

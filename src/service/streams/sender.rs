@@ -57,8 +57,8 @@ impl StreamSender {
         Chunk { first, time_ns: i64::try_from(time_ns).ok(), bytes }
     }
 
-    /// Checks that a chunk whose samples are all stored is a repeated one: its time, by the sender's clock, is
-    /// not after that of all stored samples.
+    /// Checks that a chunk whose samples are all stored is a repeated one: its time, by the sender's clock,
+    /// is not after that of all stored samples.
     ///
     /// # Errors
     /// [`ServiceError::StreamRestarted`].

@@ -156,7 +156,8 @@ impl StoredStream {
         self.journal.bytes()
     }
 
-    /// Brings the state up to date with what other processes appended; returns false if the stream is removed.
+    /// Brings the state up to date with what other processes appended; returns false if the stream is
+    /// removed.
     pub(crate) fn refresh(&mut self) -> Result<bool, ServiceError> {
         match self.journal.refresh(&mut self.state)? {
             RemoteChanges::Removed => return Ok(false),

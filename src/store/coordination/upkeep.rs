@@ -47,8 +47,8 @@ impl Store {
         self.begin_round("swept_at_ns", now, SWEEP_INTERVAL).await
     }
 
-    /// Claims a round of work; returns false if a process made one within the interval. A round in the future,
-    /// made while the clock was ahead, delays none.
+    /// Claims a round of work; returns false if a process made one within the interval. A round in the
+    /// future, made while the clock was ahead, delays none.
     pub(in crate::store) async fn begin_round(
         &self,
         counter: &'static str,

@@ -1,7 +1,8 @@
 //! Stored states of the fold over a channel's records, from which to restart.
 //!
-//! A state has up to a quarter of a megabyte once a channel tracks wear, so it is not stored after each record.
-//! The records after the newest stored state are folded again when somebody needs the state after the last one.
+//! A state has up to a quarter of a megabyte once a channel tracks wear, so it is not stored after each
+//! record. The records after the newest stored state are folded again when somebody needs the state after the
+//! last one.
 
 use sqlx::any::AnyRow;
 
@@ -16,8 +17,8 @@ pub const RECORDS_PER_STATE: u64 = 16;
 /// Whether the state after `position` records is stored while the newest stored state is the one after
 /// `newest` records.
 ///
-/// The distance between stored states grows with their age. So there are few, and the records from the nearest
-/// state to a late record are at most twice as many as those that follow it.
+/// The distance between stored states grows with their age. So there are few, and the records from the
+/// nearest state to a late record are at most twice as many as those that follow it.
 pub fn is_stored(position: u64, newest: u64) -> bool {
     let age = newest.saturating_sub(position);
     let distance = if age < RECORDS_PER_STATE { RECORDS_PER_STATE } else { 1 << age.ilog2() };

@@ -21,8 +21,8 @@ impl DepthGrid {
         Self { depths_um: depths_um.to_vec() }
     }
 
-    /// Returns the depth in µm that is reported for depth `index` of the ensemble: the last one of this grid for
-    /// all beyond it.
+    /// Returns the depth in µm that is reported for depth `index` of the ensemble: the last one of this grid
+    /// for all beyond it.
     pub(super) fn reported_um(&self, index: usize) -> f64 {
         self.depths_um[index.min(self.depths_um.len() - 1)]
     }

@@ -39,8 +39,8 @@ pub(super) struct Signs {
 pub(super) struct GrowthClock {
     /// Mean time between two records of the baseline, in seconds: the first unit of growth.
     interval_s: f64,
-    /// Age of the machine in these intervals, since the baseline or since fast wear began. An inspection lowers
-    /// it.
+    /// Age of the machine in these intervals, since the baseline or since fast wear began. An inspection
+    /// lowers it.
     age: f64,
     /// Time of the newest record.
     newest: Timestamp,
@@ -114,8 +114,8 @@ impl GrowthClock {
     }
 }
 
-/// Returns the mean time in seconds between the records of a baseline: the times of its first two records, the
-/// end, and their number.
+/// Returns the mean time in seconds between the records of a baseline: the times of its first two records,
+/// the end, and their number.
 ///
 /// A first record long before all others does not count: its time is wrong, or the machine stood since.
 pub(super) fn baseline_interval_s([first, second]: [Timestamp; 2], ended: Timestamp, records: usize) -> f64 {

@@ -9,8 +9,8 @@ const BINS: usize = 2048;
 /// The transmission errors of an ensemble in µm, sorted into bins.
 #[derive(Debug)]
 pub(super) struct TransmissionErrors {
-    /// Bin by block of [`LANES`] groups of members, depth and group. The members of a group have the same wear,
-    /// and so the same error.
+    /// Bin by block of [`LANES`] groups of members, depth and group. The members of a group have the same
+    /// wear, and so the same error.
     bins: Vec<u16>,
     bins_per_root: f32,
     greatest_um: f32,

@@ -179,8 +179,8 @@ pub struct WearEstimate {
     /// Depth in µm reached with 95 % probability, where the interval extends to the end of the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_least_um: Option<f64>,
-    /// Probability that wear has passed the user's limit; absent if the limit and the interval's end lie beyond
-    /// the library.
+    /// Probability that wear has passed the user's limit; absent if the limit and the interval's end lie
+    /// beyond the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub above_limit: Option<f64>,
     /// Natural logarithm of this record's evidence under the library.

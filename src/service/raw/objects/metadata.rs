@@ -98,7 +98,8 @@ impl RawObjects {
     }
 
     /// Takes records that are stored out of the tombstones: their removal failed, or they were sent again. On
-    /// a shared store only out of those old enough that no process is still removing the records. The caller holds the [`exclusive`](Self::exclusive) lock.
+    /// a shared store only out of those old enough that no process is still removing the records. The caller
+    /// holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn forget_failed_removals(&self) -> Result<(), ServiceError> {
         // An older database has records that were removed since.
         if self.store.removal_hold().is_some() {
