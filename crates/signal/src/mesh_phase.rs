@@ -353,18 +353,17 @@ impl TrackedHarmonic {
     }
 }
 
-/// Mean square of what a signal has beside its line: twice that of its part in phase with the line, as the first
-/// phase follows some of the other part. Little weight is on the ends, where the band filter has settled least.
+/// Mean square of what a signal has beside its line. Little weight is on the ends, where the band filter has
+/// settled least.
 fn power_beside(signal: &[Complex<f64>], line: &[Complex<f64>]) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (j, (z, line)) in signal.iter().zip(line).enumerate() {
         let place = (j as f64 + 0.5) / signal.len() as f64;
         let weight = (place * (1.0 - place)).powi(2);
-        let along = ((z - line) * line.conj()).re;
-        sum += weight * along * along / line.norm_sqr().max(f64::MIN_POSITIVE);
+        sum += weight * (z - line).norm_sqr();
         weights += weight;
     }
-    2.0 * sum / weights
+    sum / weights
 }
 
 /// Computes the phase from the frequency over `turn` samples around each sample, weighted by power, and the
