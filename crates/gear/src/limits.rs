@@ -345,7 +345,7 @@ mod tests {
             change(&mut spec);
             spec.resolve().unwrap_err().to_string()
         };
-        assert!(refusal(|s| s.geometry.teeth = [12, 26]).contains("at least 18 teeth on gear 1"));
+        assert!(refusal(|s| s.geometry.teeth = [12, 26]).contains("at least 17 teeth on gear 1"));
         let pointed = refusal(|s| {
             s.geometry.teeth = [16, 60];
             s.geometry.profile_shift = [1.2, 0.0];
