@@ -264,7 +264,7 @@ mod tests {
                 None,
                 "csv line 6: 3 s after the line above, where the other lines are 1 s apart: samples are missing",
             ),
-            ("a,b\n", None, "csv line 1: no samples below the header"),
+            ("a,b\n", None, "csv line 2: no samples below the header"),
             (
                 "time,a\n3/1/2026 12:00:00 PM,1\n3/1/2026 12:00:01 PM,2\n",
                 None,
