@@ -82,7 +82,7 @@ pub(in crate::cli) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     output::print(&format!("{} sent to {}\n", output::counted(sender.sent, "record"), sender.url))?;
     match result? {
         0 => Ok(()),
-        failed => Err(CliError::SomeFailed { action: "sent", failed, all: files.len() }),
+        failed => Err(CliError::SomeFailed { action: "sent completely", failed, all: files.len() }),
     }
 }
 
