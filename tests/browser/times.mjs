@@ -129,7 +129,9 @@ export const CHECKS = {
     await page.locator(".record-bar h2", { hasText: "2025-10-26 02:30:00 +01:00" }).waitFor();
     await page.getByRole("button", { name: "Add maintenance…" }).click();
     const dialog = page.getByRole("dialog");
-    assert.equal(await dialog.getByLabel("Time, local time").inputValue(), "2025-10-26T02:30");
+    await dialog.getByLabel("Wear measured").check();
+    await dialog.getByLabel("Measured depth (µm)").fill("30");
+    assert.match(await dialog.getByLabel("Time, local time").inputValue(), /^2025-10-26T02:30/);
     await dialog.getByLabel("Your name").fill("Ada");
     await dialog.getByRole("button", { name: "Save" }).click();
     await page.locator(".events-card", { hasText: "2025-10-26 02:30:00 +01:00" }).waitFor();
@@ -169,6 +171,7 @@ export const CHECKS = {
     await page.getByLabel("Times in").selectOption("local");
     await page.waitForFunction(() => location.hash.includes("times=local"));
     assert.equal(await page.getByLabel("Site").inputValue(), "North");
+    page.once("dialog", (dialog) => dialog.accept()); // the unsaved site is lost
     await page.goto(`${page.url().split("#")[0]}#/assets/${asset}/import`);
     const body = "not a recording";
     await page.setInputFiles("#upload-file", [

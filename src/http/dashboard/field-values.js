@@ -54,11 +54,10 @@ function fourDigits(value, isLower) {
 export function boundWords(expected, { factor = 1, unit }) {
   const end = expected.search(/[:,]|$/);
   const reason = expected.slice(end).replace(/\d+\.\d{4,}/g, (text) => String(fourDigits(Number(text))));
-  let bound = expected
-    .slice(0, end)
-    .replace(NUMBER, (text, place) =>
-      String(fourDigits(tidy(Number(text) / factor), LOWER.test(expected.slice(0, place)))),
-    );
+  let bound = expected.slice(0, end).replace(NUMBER, (text, place) => {
+    const value = fourDigits(tidy(Number(text) / factor), LOWER.test(expected.slice(0, place)));
+    return value === Number(text) ? text : String(value);
+  });
   if (unit && BOUND.test(bound) && /\d/.test(bound))
     bound = `${bound.replace(/^a fraction/, "a number")} ${unit}`;
   return bound + reason;
