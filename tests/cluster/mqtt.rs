@@ -182,7 +182,7 @@ fn invalid_messages_are_rejected_with_the_reason() {
     let cases = [
         Unusable::new("nobody", "1", good.clone(), 404, "nobody"),
         Unusable::new("Pump", "1", good.clone(), 400, "a-z"),
-        Unusable::new("pump", "empty", Vec::new(), 422, "sample_rate_hz"),
+        Unusable::new("pump", "empty", Vec::new(), 422, "the message is empty"),
         Unusable::new("pump", "noise", vec![0xff; 50], 422, undecodable),
         Unusable::new("pump", "cut", good[..good.len() / 2].to_vec(), 422, undecodable),
         Unusable::new("pump", "text", text, 422, "missing field `sample_rate_hz`"),

@@ -280,7 +280,7 @@ fn invalid_blocks_are_rejected_with_the_reason() {
         ("pump", "in", block(BLOCK, time_of(BLOCK), 2000.0), 409, "format"),
         ("pump", "in", timeless.to_string().into_bytes(), 422, "start_time is missing"),
         ("pump", "in", vec![0xff; 50], 422, "not a WaveformBlock in protobuf"),
-        ("pump", "input shaft", block(0, time_of(0), rate_hz), 422, "name is"),
+        ("pump", "input shaft", block(0, time_of(0), rate_hz), 422, "topic is"),
     ];
     for (n, (asset, point, payload, status, words)) in cases.iter().enumerate() {
         send(asset, point, payload);

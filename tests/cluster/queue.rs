@@ -263,7 +263,7 @@ fn operators_inspect_the_queue_and_retry_or_drop_dead_letters() {
     }
     let number = letters[0]["number"].to_string();
     assert!(command(&config, &["dead-letters", "show", &number]).contains("asset       pump"));
-    assert!(command(&config, &["dead-letters", "list"]).lines().all(|line| line.chars().count() <= 80));
+    assert!(command(&config, &["dead-letters", "list"]).contains("tried 5 times"), "whole where it is piped");
     // One object is repaired, so that its record is stored after a retry.
     let mended = letters[0]["record"]["start_time"].as_str().unwrap();
     let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
