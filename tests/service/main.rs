@@ -6,6 +6,7 @@ mod alarms;
 mod assets;
 mod backups;
 mod bearings;
+mod channel_units;
 mod client_commands;
 mod clients;
 mod corrections;

@@ -14,10 +14,10 @@ use super::not_computed::NotComputed;
 use super::record::{Quality, RecordOf};
 
 /// Identifier of the method behind the indicators over the shaft angle.
-pub const GEAR_PREPROCESSING: &str = "turns-3";
+pub const GEAR_PREPROCESSING: &str = "turns-4";
 
 /// Identifiers of the methods behind features and indicators over the shaft angle.
-const BOTH_PREPROCESSING: &str = "speed-compensated-lines-1+turns-3";
+const BOTH_PREPROCESSING: &str = "speed-compensated-lines-2+turns-4";
 
 /// Indicators that a clipped record does not provide: there they describe the converter, not the machine.
 const INVALID_WHEN_CLIPPED: [&str; 3] = ["peak", "crest_factor", "kurtosis"];

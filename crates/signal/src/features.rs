@@ -9,7 +9,7 @@ use super::not_computed::NotComputed;
 use super::record::OperatingPoint;
 
 /// Identifier of the method behind the features. Only values with the same identifier are comparable.
-pub const PREPROCESSING: &str = "speed-compensated-lines-1";
+pub const PREPROCESSING: &str = "speed-compensated-lines-2";
 
 /// Features of one record by name. They are natural logarithms of amplitudes, so an unknown gain is an offset
 /// and changes relative to a healthy baseline are differences.

@@ -92,6 +92,7 @@ mod speed_fluctuation;
 mod sums;
 mod tachometer_marks;
 mod tooth_contrast;
+mod tracked_harmonic;
 mod transform;
 mod turn_bins;
 mod velocity;

@@ -90,7 +90,7 @@ function limitFact(wear) {
     `Time to ${depth(left.limit)} µm`,
     words,
     small(
-      `90 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; recent wear rate ${number(left.rate, 2)} µm/day, expected to grow by a quarter`,
+      `90 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; recent wear rate ${number(left.rate, 2)} µm/day; the forecast takes it a quarter higher`,
     ),
   );
 }

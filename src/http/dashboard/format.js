@@ -224,6 +224,15 @@ export function speedSource(speed) {
   return comb ? `${words}, ${number(comb, 2)} times the background${support}` : words;
 }
 
+/** A mesh frequency as teeth times a shaft speed, with a whole number of teeth if the speeds are close to one. */
+function teethTimes(mesh, shaft) {
+  const teeth = mesh / shaft;
+  const whole = Math.round(teeth);
+  return whole >= 1 && Math.abs(teeth - whole) <= 0.2
+    ? `${whole} × ${hertz(mesh / whole)}`
+    : `${number(teeth, 3)} × ${hertz(shaft)}`;
+}
+
 /** Why a shaft speed or tooth number may be wrong, with both interpretations, as a question; null without doubt. */
 export function speedDoubt({
   doubt,
@@ -240,14 +249,12 @@ export function speedDoubt({
     return question(
       teeth
         ? `the lines fit ${teeth} × ${hertz(other / teeth)} better than ${described}`
-        : `the lines fit a mesh at ${hertz(other)} (${described.replace(/×.*/, "×")} ${hertz((other * shaft) / mesh)} or ${number(other / shaft, 3)} × ${hertz(shaft)}) better than at ${hertz(mesh)} (${described})`,
+        : `the lines fit a mesh at ${hertz(other)} (${described.replace(/×.*/, "×")} ${hertz((other * shaft) / mesh)} or ${teethTimes(other, shaft)}) better than at ${hertz(mesh)} (${described})`,
     );
   }
   if (doubt.reason === "other_shaft") {
     const { shaft_speed_hz: other } = doubt;
-    return question(
-      `the shaft lines fit ${number(mesh / other, 3)} × ${hertz(other)} better than ${described}`,
-    );
+    return question(`the shaft lines fit ${teethTimes(mesh, other)} better than ${described}`);
   }
   return question(`${found} of ${sought} mesh harmonics of ${described} found, at least 2 are needed`);
 }

@@ -381,8 +381,8 @@ function sharedLabels(points, [from, to]) {
 }
 
 /**
- * Draws the envelope spectra of records, `near` the lines of shafts and bearings or whole; `teeth` are those of the driving
- * and driven gear, if any, `bearings` fault orders by name, both of the first record's machine; a cursor may
+ * Draws the envelope spectra of records, `near` the lines of shafts and bearings or whole; `teeth` are those
+ * of the driving and driven gear, if any, `bearings` fault orders by name, both of the first record's machine; a cursor may
  * have marked the bearings' lines.
  * @param {import("./layers.js").Layer[]} layers
  */

@@ -3,6 +3,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
+use crate::sums::mean_of;
 
 const RATE_HZ: f64 = 4000.0;
 const SECONDS: f64 = 10.0;

@@ -40,7 +40,7 @@ pub(super) struct Analysis<'a> {
     last_spectrum: Option<Spectrum>,
     alarms: Vec<ReportedAlarm>,
     /// Whether a band without an envelope was reported.
-    has_told_envelope: bool,
+    has_warned: bool,
 }
 
 impl<'a> Analysis<'a> {
@@ -55,7 +55,7 @@ impl<'a> Analysis<'a> {
             records: Vec::new(),
             last_spectrum: None,
             alarms: Vec::new(),
-            has_told_envelope: false,
+            has_warned: false,
         }
     }
 
@@ -144,9 +144,9 @@ impl<'a> Analysis<'a> {
         let envelope =
             self.args.envelope.map(|arg| self.envelope(&record, analysis.shaft_speed.as_ref(), arg));
         if let Some(reason) = envelope.as_ref().and_then(|envelope| envelope.absent.as_ref())
-            && !self.has_told_envelope
+            && !self.has_warned
         {
-            self.has_told_envelope = true;
+            self.has_warned = true;
             progress.print(&format!("warning: {}: no envelope spectrum: {reason}", path.display()));
         }
         if self.args.report.is_some() {
