@@ -161,13 +161,8 @@ impl Pipeline {
         let (pipeline, asset) = (Arc::clone(self), asset.clone());
         let upload = async move {
             let _ticket = ticket;
-            let mut tries = 1;
-            let accepted = loop {
-                match pipeline.take_upload(&asset, format, bytes.clone(), metadata.clone()).await {
-                    Err(ServiceError::UnitChosen { .. }) if tries < MAX_TRIES => tries += 1,
-                    accepted => break accepted,
-                }
-            };
+            let take = || pipeline.take_upload(&asset, format, bytes.clone(), metadata.clone());
+            let accepted = retry_in_chosen_unit(take).await;
             if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
                 pipeline.record_counts.count(RecordOutcome::Refused, 1);
             }
@@ -227,7 +222,7 @@ impl Pipeline {
         let (pipeline, record) = (Arc::clone(self), record.clone());
         let work = async move {
             let _ticket = ticket;
-            match pipeline.take_queued(&record).await {
+            match retry_in_chosen_unit(|| pipeline.take_queued(&record)).await {
                 Err(ServiceError::Store(StoreError::AssetUnknown(_))) => Ok(None),
                 accepted => accepted,
             }
@@ -445,5 +440,19 @@ impl Pipeline {
             }
         };
         self.workers.run("read a record", identify).await?
+    }
+}
+
+/// Takes a record, and again while the unit of its channel is chosen by another record at the same time.
+async fn retry_in_chosen_unit<T, F>(mut take: impl FnMut() -> F) -> Result<T, ServiceError>
+where
+    F: Future<Output = Result<T, ServiceError>>,
+{
+    let mut tries = 1;
+    loop {
+        match take().await {
+            Err(ServiceError::UnitChosen { .. }) if tries < MAX_TRIES => tries += 1,
+            taken => return taken,
+        }
     }
 }

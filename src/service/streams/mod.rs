@@ -120,8 +120,11 @@ impl Streams {
         if let Some(unit) = &format.unit {
             format.signal_names().iter().try_for_each(|channel| units.check(channel, unit))?;
         }
-        let default_unit =
-            format.signal_names().first().and_then(|channel| units.default_of(channel).map(str::to_owned));
+        // Only where it is that of all channels.
+        let mut defaults =
+            format.signal_names().into_iter().map(|channel| units.default_of(&channel).map(str::to_owned));
+        let first_default = defaults.next().flatten();
+        let default_unit = first_default.filter(|first| defaults.all(|other| other.as_ref() == Some(first)));
         let with_unit = move |format: &StreamFormat| {
             let mut format = format.clone();
             format.unit = format.unit.or_else(|| default_unit.clone());
