@@ -38,6 +38,8 @@ pub struct Report {
     pub alarms: Vec<ReportedAlarm>,
     /// Maintenance events in time order.
     pub maintenance: Vec<MaintenanceEvent>,
+    /// Whether some records have no time of their own: theirs count from 1970.
+    pub has_undated: bool,
     /// Number of all records, if `records` does not contain all of them.
     pub all_records: Option<usize>,
     /// The spectrum of the last record.

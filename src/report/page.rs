@@ -34,7 +34,12 @@ pub(super) fn html(report: &Report) -> String {
     let records = if count == 1 { "record" } else { "records" };
     let mut body = format!("<h1>{title}</h1>");
     report.cover.addressee(&mut body);
-    let _ = write!(body, "<p>{count} {records}{span}. All times are in UTC.</p>");
+    let undated = if report.has_undated {
+        " Recordings without a time of their own begin at 1970-01-01 00:00."
+    } else {
+        ""
+    };
+    let _ = write!(body, "<p>{count} {records}{span}. All times are in UTC.{undated}</p>");
     verdict::write(report, &mut body);
     if let Some(form) = &report.form {
         cover::form(form, &report.cover, &report.contents, &mut body);
@@ -370,6 +375,15 @@ pub(super) mod tests {
         moving.indicators.values.insert("velocity_rms".to_owned(), 2.5);
         let page = html(&Report { records: vec![moving], ..Report::default() });
         assert!(page.contains("Velocity RMS (mm/s)"), "{page}");
+    }
+
+    #[test]
+    fn recordings_without_a_time_are_named() {
+        let records = vec![record(estimated([1.0, 2.0, 3.0]))];
+        for has_undated in [false, true] {
+            let page = html(&Report { records: records.clone(), has_undated, ..Report::default() });
+            assert_eq!(page.contains("without a time of their own"), has_undated, "{page}");
+        }
     }
 
     #[test]

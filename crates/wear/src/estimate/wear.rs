@@ -7,7 +7,7 @@ use super::prognosis::Prognosis;
 use flankwatch_signal::{Features, Indicators, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "ensemble-filter-9";
+pub const METHOD: &str = "ensemble-filter-10";
 
 /// Status of a wear estimate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -64,6 +64,7 @@ impl<'a> Analysis<'a> {
             asset: self.asset.as_ref().map(|asset| asset.name_or_id().to_string()),
             limits: self.asset.as_ref().map(|asset| asset.limits).unwrap_or_default(),
             records: self.records.iter().map(ReportedRecord::from).collect(),
+            has_undated: self.records.iter().any(|record| record.start_time.is_none()),
             last_spectrum: self.last_spectrum.clone(),
             alarms: self.alarms.clone(),
             ..Report::default()

@@ -38,6 +38,10 @@ pub(super) struct Collecting {
     carried: Option<Carried>,
     #[serde(default)]
     meshless: Meshless,
+    /// Number of records of the running machine that the baseline cannot have: their speed is in doubt, or they
+    /// are clipped.
+    #[serde(default)]
+    passed_over: u32,
     /// Set where users chose which records make the baseline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     chosen: Option<Chosen>,
@@ -142,9 +146,11 @@ impl Tracker {
         let (have, need) = (collecting.have(), self.settings.baseline_records);
         let has_no_lines = self.ensemble.is_some() && !features.has_mesh();
         if has_no_lines || features.speed_doubt.is_some() {
+            collecting.passed_over += u32::from(features.speed_doubt.is_some());
             return (self.collect_meshless(&mut collecting.meshless, have, features), None);
         }
         if let Some(reason) = self.unusable_reason(features) {
+            collecting.passed_over += u32::from(features.fault == Some(NotComputed::Clipped));
             return (self.without_depth(WearStatus::NoFeatures, have, &reason), None);
         }
         let ensemble = self.ensemble.as_deref();
@@ -174,7 +180,9 @@ impl Tracker {
         let tracking = (have >= need).then(|| {
             collecting.records.retain(alike);
             let (first, carried) = (collecting.first_times(at), collecting.take_carried());
-            self.start_tracking(&collecting.records, first, at, carried)
+            let mut tracking = self.start_tracking(&collecting.records, first, at, carried);
+            tracking.passed_over = Some(collecting.passed_over).filter(|passed_over| *passed_over > have);
+            tracking
         });
         let reason = format!("collecting baseline, {have} of {need}");
         (self.without_depth(WearStatus::CollectingBaseline, have, &reason), tracking)

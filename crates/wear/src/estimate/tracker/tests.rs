@@ -7,8 +7,8 @@ use rand_distr::{Distribution, Normal};
 
 use super::super::novelty::SuspectedFault;
 use super::*;
-use crate::library::Library;
 use crate::library::testing::synthetic_library;
+use crate::library::{FlankPlace, Library};
 
 pub(super) const NEED: u32 = 20;
 
@@ -101,6 +101,41 @@ fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
     let mut state = tracker.start();
     let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
     assert_eq!((wear.status, wear.baseline.have), (WearStatus::NoFeatures, 0));
+}
+
+#[test]
+fn a_baseline_that_lacks_most_records_leaves_the_depth_open_until_an_inspection() {
+    let library = Arc::new(synthetic_library());
+    let tracker = tracker(&library);
+    let status_after = |passed_over: u32, is_inspected: bool| {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut state = tracker.start();
+        for i in 0..NEED + passed_over {
+            let healthy = seen(&library, 0.0, 0.05, &mut rng);
+            let features = match i.checked_sub(NEED - 1) {
+                Some(beyond) if beyond >= passed_over => healthy,
+                Some(_) if i % 2 == 0 => Features { fault: Some(NotComputed::Clipped), ..healthy },
+                Some(_) => Features { speed_doubt: Some("another mesh fits".to_owned()), ..healthy },
+                None => healthy,
+            };
+            tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
+        }
+        if is_inspected {
+            let inspection =
+                Inspection { depth_um: 0.0, error_um: 5.0, gear: None, place: FlankPlace::default() };
+            tracker.inspect(&mut state, Timestamp::UNIX_EPOCH, &inspection);
+        }
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng))
+    };
+    assert_eq!(status_after(NEED, false).status, WearStatus::Estimated);
+    let wear = status_after(NEED + 1, false);
+    assert_eq!(wear.status, WearStatus::NotIdentifiable);
+    assert!(
+        wear.reason.contains("21 records before its end were clipped or had a speed in doubt"),
+        "{}",
+        wear.reason
+    );
+    assert_eq!(status_after(NEED + 1, true).status, WearStatus::Estimated);
 }
 
 #[test]

@@ -77,6 +77,10 @@ pub(super) struct Tracking {
     levels: Levels,
     #[serde(default)]
     sudden: SuddenChange,
+    /// Number of records that the baseline could not have, where they are more than it has. How worn the
+    /// teeth were when it was taken is then not known, until the teeth are inspected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) passed_over: Option<u32>,
     trend: Trend,
     #[serde(skip)]
     model: CachedModel,
@@ -109,6 +113,7 @@ impl Tracking {
             changes: self.motion.last().to_vec(),
         });
         self.disagreeing = 0;
+        self.passed_over = None;
         self.clock.inspect();
         self.trend.inspect();
         self.sudden.restart();
@@ -166,6 +171,7 @@ impl Tracker {
             cusums: Cusums::default(),
             levels: Levels::default(),
             sudden: SuddenChange::default(),
+            passed_over: None,
             trend: Trend::start(ended),
             model: CachedModel::default(),
             hindsight: None,
@@ -272,6 +278,14 @@ impl Tracker {
         }
         tracking.drift = drift;
         let mut posterior = self.update_filter(tracking, at, &measured, &likelihood);
+        if let Some(passed_over) = tracking.passed_over {
+            let reason = format!(
+                "how worn the teeth were at the baseline is not known: {passed_over} records before its end were clipped or had a speed in doubt, more than it has; inspect the teeth, or choose the baseline"
+            );
+            let mut estimate = self.without_depth(WearStatus::NotIdentifiable, need, &reason);
+            estimate.novelty = Some(novelty);
+            return estimate;
+        }
         if let Some(groups) = &tracking.hindsight {
             posterior = posterior.with_groups(groups);
         }
