@@ -14,6 +14,9 @@ const MAX_SENSITIVITY: f64 = 1e12;
 /// Maximum length of a text in a description, in characters.
 const MAX_TEXT: usize = 200;
 
+/// Maximum length of the name of a unit in bytes.
+pub(crate) const MAX_UNIT_BYTES: usize = 64;
+
 /// The location of a mesh; meshes of one gearbox have the first three fields in common.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -91,7 +94,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
         }
         check_text("points.place", point.place.as_deref())?;
         check_text("points.axis", point.axis.as_deref())?;
-        check_text("points.unit", point.unit.as_deref())?;
+        check_unit("points.unit", point.unit.as_deref())?;
         check_text("points.sensitivity_unit", point.sensitivity_unit.as_deref())?;
         check_text("points.serial", point.serial.as_deref())?;
         if let Some(sensitivity) = point.sensitivity
@@ -101,6 +104,16 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
         }
     }
     Ok(())
+}
+
+/// Checks the name of a unit.
+pub(super) fn check_unit(name: &'static str, unit: Option<&str>) -> Result<(), AssetError> {
+    match unit {
+        Some(unit) if unit.len() > MAX_UNIT_BYTES => {
+            Err(field(name, format!("{unit:?}"), "a unit of at most 64 bytes"))
+        }
+        _ => check_text(name, unit),
+    }
 }
 
 pub(super) fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {

@@ -24,6 +24,7 @@ pub use bearing::BearingSpec;
 pub use error::AssetError;
 pub use gear_spec::GearSpec;
 pub(crate) use json_name::{from_json_name, json_name};
+pub(crate) use location::MAX_UNIT_BYTES;
 pub use location::{Location, MeasuringPoint};
 pub use operating_bin::OperatingBin;
 pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};

@@ -152,7 +152,7 @@ impl AssetSpec {
             zones.validate()?;
         }
         location::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
-        location::check_text("sensor.unit", self.sensor.unit.as_deref())?;
+        location::check_unit("sensor.unit", self.sensor.unit.as_deref())?;
         location::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         location::validate(&self.points)?;

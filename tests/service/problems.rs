@@ -69,7 +69,7 @@ fn a_value_of_the_wrong_type_is_answered_with_its_path() {
     let pair = "/gear/pair/geometry";
     for (place, value, field, words) in [
         (format!("{pair}/teeth"), json!([31, 62, 27]), "gear.pair.geometry.teeth", "too many elements"),
-        (format!("{pair}/module_mm"), json!("2"), "gear.pair.geometry.module_mm", "f64"),
+        (format!("{pair}/module_mm"), json!("2"), "gear.pair.geometry.module_mm", "expected a number"),
         ("/points/0/calibration_due".to_owned(), json!("soon"), "points[0].calibration_due", "year"),
     ] {
         let problem = described(&place, value).expect_problem(422, &[field, words]);
@@ -393,4 +393,33 @@ fn an_invalid_field_is_reported_with_value_and_expectation() {
     let empty =
         service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0"), ("upload-length", "")], b"");
     assert!(!empty.expect_problem(400, &["upload-length"]).to_string().contains("Some("));
+}
+
+#[test]
+fn a_value_that_does_not_apply_is_refused() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segments = "/v1/assets/pump/segments";
+    let both = wav(&[samples(1), samples(2)]);
+    service
+        .post(&format!("{segments}?channel=motor"), "audio/wav", &both)
+        .expect_problem(422, &["channel is \"motor\"", "2 channels", "channel_names"]);
+    for parameter in ["columns=2", "time_column=1", "recorded_channels=x"] {
+        let path = format!("{segments}?sample=f32&sample_rate_hz=1000&{parameter}");
+        let name = parameter.split('=').next().unwrap();
+        service.post(&path, "application/octet-stream", &[0; 16]).expect_problem(400, &[name]);
+    }
+    for rate in ["nan", "0", "-5", "inf"] {
+        let expected = ["sample_rate_hz", "expected a rate above 0"];
+        for path in ["/v1/csv-preview", segments] {
+            service
+                .post(&format!("{path}?sample_rate_hz={rate}"), "text/csv", b"a\n1\n2\n")
+                .expect_problem(400, &expected);
+        }
+    }
+    let reversed = format!("{segments}?from=2027-01-01T00:00:00Z&to=2026-01-01T00:00:00Z");
+    service.delete(&reversed).expect_problem(400, &["to is", "a time after 2027-01-01"]);
+    let mut asset = crate::running::plain_asset("fan");
+    asset["sensor"] = json!({ "unit": "x".repeat(65) });
+    service.post_json("/v1/assets", &asset).expect_problem(422, &["sensor.unit", "64 bytes"]);
 }

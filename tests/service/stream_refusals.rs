@@ -136,7 +136,7 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     let mut second = open(&service, "");
     second.send_json(&json!({ "type": "operating", "torque_nm": "5" }));
     let (code, reason) = second.receive().unwrap_err();
-    let words = "torque_nm: invalid type: string \"5\", expected f64";
+    let words = "torque_nm: invalid type: string \"5\", expected a number";
     assert!(code == 4400 && reason.contains(words), "{code} {reason}");
     // A standstill is an operating point, unlike a speed that no record can have.
     let mut second = open(&service, "");

@@ -376,3 +376,25 @@ fn a_csv_preview_matches_the_upload() {
     preview("", &"1\n".repeat(1 << 20)).expect_problem(413, &["1048576"]);
     assert_eq!(service.get("/v1/assets").expect(200).json()["items"], json!([]));
 }
+
+#[test]
+fn the_same_bytes_with_other_values_at_the_same_time_are_a_conflict() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let bytes = wav(&[samples(1)]);
+    for round in 1..=8 {
+        let statuses: Vec<u16> = std::thread::scope(|scope| {
+            let send = |torque_nm| {
+                let (service, bytes) = (&service, &bytes);
+                let path = format!(
+                    "/v1/assets/pump/segments?start_time=2026-01-0{round}T00:00:00Z&torque_nm={torque_nm}"
+                );
+                scope.spawn(move || service.post(&path, "audio/wav", bytes).status)
+            };
+            let sent: Vec<_> = [5, 6, 7].map(send).into();
+            sent.into_iter().map(|sender| sender.join().unwrap()).collect()
+        });
+        let stored = statuses.iter().filter(|status| **status == 201).count();
+        assert!(stored == 1 && statuses.iter().all(|status| [201, 409].contains(status)), "{statuses:?}");
+    }
+}

@@ -349,6 +349,7 @@ mod tests {
             ("a,b\r\n1,x\r\n", "csv line 2, column \"b\": \"x\""),
             ("a,b\r\n1,2\r\n3,4\r\n5,x\r\n", "csv line 4, column \"b\": \"x\""),
             ("a,b\r\n1,2\r\n3,4\r\n5,6\r\n7,8,9\r\n", "csv line 5: 3 fields, expected 2"),
+            ("left,right\n0.1,0.2\n0.3\n0.5,0.6\n0.7,0.8\n", "csv line 3: 1 fields, expected 2"),
             ("a,b\n1,2,3\n", "csv line 2: 3 fields, expected 2"),
         ] {
             let error = read(text, &[]).unwrap_err();

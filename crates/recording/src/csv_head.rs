@@ -163,8 +163,20 @@ fn first_samples(lines: &[&str], separator: u8, min_columns: usize) -> Option<us
     (0..lines.len()).find(|&line| {
         let Some(columns) = at(line) else { return false };
         let next = (line + 1..lines.len()).find(|&next| !lines[next].trim().is_empty());
-        next.is_none_or(|next| at(next) == Some(columns))
+        next.is_none_or(|next| {
+            // Below as many names, a second line of another number of columns is at fault, not the first.
+            at(next) == Some(columns)
+                || sample_columns(lines[next], separator).is_some()
+                    && has_names(lines, line, separator, columns)
+        })
     })
+}
+
+/// Whether the line above samples has a name for each of their columns.
+fn has_names(lines: &[&str], line: usize, separator: u8, columns: usize) -> bool {
+    let above = line.checked_sub(1).map(|above| fields(lines[above], separator));
+    let is_name = |name: &String| !name.is_empty() && name.parse::<f64>().is_err();
+    above.is_some_and(|names| names.len() == columns && names.iter().all(is_name))
 }
 
 /// Returns whether the commas that seem to separate two columns are decimal signs in a single one: `-0,5` and

@@ -229,7 +229,9 @@ impl JsonBlock {
 
 /// Decodes one message of this name after checking the length of its texts.
 fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8], name: &'static str) -> Result<T, RecordingError> {
-    check_texts(bytes)?;
+    if bytes.trim_ascii_start().starts_with(b"{") {
+        check_texts(bytes)?;
+    }
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let parsed = match bytes.trim_ascii_start().first() {
         // Its elements would be taken as the fields in order.
@@ -242,27 +244,28 @@ fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8], name: &'static str) -> Re
         let path = fault
             .map(|fault| fault.path().to_string())
             .filter(|path| !path.starts_with(['.', '[']) && !path.contains('?'));
-        RecordingError::Json { message: name, path, problem: in_words_of_json(&source), source }
+        RecordingError::Json { message: name, path, problem: json_error_words(&source), source }
     })
 }
 
-/// An error without the names of Rust's types.
-fn in_words_of_json(error: &serde_json::Error) -> String {
-    let mut text = error.to_string();
-    for (ours, word) in [
-        ("f64", "a number"),
-        ("f32", "a number"),
-        ("u64", "a whole number of at least 0"),
-        ("u32", "a whole number of at least 0"),
-        ("i64", "a whole number"),
-        ("struct JsonBlock", "an object"),
-        ("struct JsonOperatingPoint", "an object"),
-        ("struct JsonTachometer", "an object"),
-        ("struct Quality", "an object"),
-    ] {
-        text = text.replace(&format!("expected {ours}"), &format!("expected {word}"));
-    }
-    text
+/// Returns an error of the parser in words, without the names of Rust's types.
+pub fn json_error_words(error: &serde_json::Error) -> String {
+    let message = error.to_string();
+    let Some((found, rest)) = message.rsplit_once(", expected ") else { return message };
+    let (of_type, place) = rest.split_once(" at line ").map_or((rest, None), |(of, at)| (of, Some(at)));
+    let words = match of_type {
+        "f64" | "f32" => "a number",
+        "u8" => "a whole number from 0 to 255",
+        "u16" => "a whole number from 0 to 65535",
+        "u32" | "u64" | "usize" => "a whole number of at least 0",
+        "i32" | "i64" => "a whole number",
+        "a sequence" => "a list",
+        "a map" => "an object",
+        of_type if of_type.starts_with("struct ") => "an object",
+        _ => return message,
+    };
+    let place = place.map_or_else(String::new, |place| format!(" at line {place}"));
+    format!("{found}, expected {words}{place}")
 }
 
 /// Rejects a text that is too long for any field's name or value, before an error quotes it.
@@ -364,6 +367,8 @@ mod tests {
         for (json, expected) in [
             ("", "EOF"),
             ("[]", "an array, expected an object"),
+            (&format!("RIFF\"{}", "x".repeat(2000)), "expected value at line 1"),
+            ("3", "invalid type: integer `3`, expected an object"),
             (r#"{"sample_rate_hz": "1", "samples": [1]}"#, r#"string "1", expected a number at line 1"#),
             (r#"{"sample_rate_hz": 1, "samples": [1], "tachometer": 3}"#, "expected an object"),
             (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),

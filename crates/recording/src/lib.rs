@@ -108,6 +108,7 @@ pub use format::Format;
 pub use frames::{Frames, FramesInfo};
 #[cfg(feature = "openapi")]
 pub use json::JsonBlock;
+pub use json::json_error_words;
 pub use mat::{MatFrames, decode_mat};
 pub use mcap_contents::REFERENCE_WEAR;
 pub use mcap_history::{HistoryKind, HistoryWriter};

@@ -15,7 +15,7 @@ import { clock } from "./format.js";
 import { sentence } from "./state.js";
 import { posteriorDrawing } from "./posterior-plot.js";
 
-const MATCHED = ["estimated", "not_identifiable"]; // records with these statuses have a best state
+const MATCHED = ["estimated", "not_identifiable"]; // records with these statuses may have a best state
 
 /** The match of the selected or latest record with the library. */
 export class MatchPage extends FramedPage {
@@ -55,7 +55,7 @@ export class MatchPage extends FramedPage {
     if (!id) return this.#showNotice("No records yet.");
     const segment = await api.settle(api.segment(id, signal));
     if (segment instanceof Error) return this.#showNotice(segment.message);
-    if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
+    if (!MATCHED.includes(segment.wear.status) || !segment.wear.best_state) return this.#unmatched(segment, asset);
     const match = await api.settle(api.match(id, signal));
     if (match instanceof Error) return this.#showNotice(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;

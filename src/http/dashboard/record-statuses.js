@@ -17,7 +17,7 @@ export const STATUSES = {
     "Not comparable",
     "too short or sampled too slowly for its baseline, or far from the configured speed or torque",
   ],
-  not_identifiable: ["Not identifiable", "the interval spans most of the library"],
+  not_identifiable: ["Not identifiable", "the records do not determine the depth"],
   outside_library: ["Outside library", "the record is not explained by wear"],
   sensor_fault: ["Sensor fault", "the sensor, not the machine, is at fault"],
   recomputing: ["Recomputing", "earlier records are being recomputed"],

@@ -85,7 +85,7 @@ impl ContentEncoding {
         match &mut self {
             Self::Identity => Ok(()),
             Self::Gzip(decoder) => {
-                decoder.try_finish().map_err(not_gzip)?;
+                decoder.try_finish().map_err(incomplete)?;
                 out.append(decoder.get_mut());
                 Ok(())
             }
@@ -101,6 +101,16 @@ fn not_gzip(error: io::Error) -> Problem {
         io::ErrorKind::InvalidInput => {
             let detail = "the body does not match content-encoding: at its beginning, or after the \
                           compressed data, are bytes that are not gzip";
+            Problem::new(StatusCode::BAD_REQUEST, detail)
+        }
+        _ => broken(error),
+    }
+}
+
+fn incomplete(error: io::Error) -> Problem {
+    match error.kind() {
+        io::ErrorKind::InvalidInput | io::ErrorKind::UnexpectedEof => {
+            let detail = "the body does not match content-encoding: the gzip data end early, or their checksum is wrong";
             Problem::new(StatusCode::BAD_REQUEST, detail)
         }
         _ => broken(error),

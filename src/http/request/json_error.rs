@@ -7,10 +7,11 @@ use serde_json::Value;
 
 use super::query::TIME;
 use crate::http::problem::Problem;
+use crate::recording::json_error_words;
 
 /// The problem of a body that does not match the type `T`: 400 if it is not JSON at all, otherwise 422.
 pub(crate) fn problem<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Problem {
-    let message = error.to_string();
+    let message = json_error_words(error);
     if serde_json::from_slice::<IgnoredAny>(bytes).is_err() {
         return Problem::new(StatusCode::BAD_REQUEST, format!("invalid body: {message}"));
     }

@@ -235,6 +235,11 @@ impl RangeParameters {
         if self.from.is_none() && self.to.is_none() {
             return Err(Problem::query("from", "missing", all));
         }
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && to <= from
+        {
+            return Err(Problem::query("to", to, &format!("a time after {from}")));
+        }
         Ok(vec![RecordRange { channel: self.channel, from: self.from, to: self.to, raw_sha256: None }])
     }
 }

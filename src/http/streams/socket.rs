@@ -14,6 +14,7 @@ use super::{CHECK_INTERVAL, OpenStream, refresh};
 use crate::http::access::TokenWatch;
 use crate::http::access::session::Caller;
 use crate::http::app::App;
+use crate::recording::json_error_words;
 use crate::recording::stream::Chunk;
 use crate::service::Pulses;
 use crate::service::{ServiceError, StreamGap, StreamProgress, StreamSender};
@@ -70,8 +71,8 @@ impl ClientMessage {
         serde_path_to_error::deserialize(message).map_err(|error| {
             let path = error.path().to_string();
             match path.strip_prefix(&kind).and_then(|path| path.strip_prefix('.')) {
-                Some(path) => format!("{path}: {}", error.inner()),
-                None => error.inner().to_string(),
+                Some(path) => format!("{path}: {}", json_error_words(error.inner())),
+                None => json_error_words(error.inner()),
             }
         })
     }
@@ -334,7 +335,7 @@ mod tests {
         for (text, words) in [
             (
                 r#"{"type":"operating","torque_nm":"5"}"#,
-                "torque_nm: invalid type: string \"5\", expected f64",
+                "torque_nm: invalid type: string \"5\", expected a number",
             ),
             (r#"{"type":"tachometer","from":0,"pulses":[1,"2"]}"#, "pulses[1]: invalid type"),
             (r#"{"type":"gap","next":-1}"#, "next: invalid value: integer `-1`"),

@@ -137,6 +137,9 @@ impl CsvParameters {
 
     /// The requested column layout.
     pub(crate) fn layout(&self) -> Result<CsvLayout, Problem> {
+        if let Some(rate) = self.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+            return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
+        }
         let numbers = self.columns.iter().flat_map(|columns| columns.split(','));
         let number = |text: &str| {
             let refused = || Problem::query("columns", format!("{text:?}"), "numbers from 1 to 256");

@@ -96,12 +96,12 @@ impl UploadParameters {
 
     /// Returns the format of a body; a problem if a value is given that the format does not use.
     pub(crate) fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
-        let format = match media_type {
-            Some(RAW) => return self.raw_format(),
-            _ => media_type.and_then(RecordFormat::from_media_type),
-        };
+        if media_type == Some(RAW) {
+            self.check_used(&["sample", "channels", "sample_rate_hz", "scale", "sensitivity_mv_per_g"])?;
+            return self.raw_format();
+        }
+        let format = media_type.and_then(RecordFormat::from_media_type);
         let format = format.ok_or_else(|| body::unsupported(media_type, EXPECTED))?;
-        // A value that the format does not use is an error: ignoring it would give wrong records.
         let used: &[&str] = match format {
             RecordFormat::File(SampleFile { kind, .. }) if kind.has_rate() => {
                 &["scale", "sensitivity_mv_per_g"]
@@ -112,11 +112,7 @@ impl UploadParameters {
             }
             _ => &[],
         };
-        let given = self.given();
-        if let Some(name) = OF_FORMATS.iter().find(|name| given.contains_key(**name) && !used.contains(name))
-        {
-            return Err(Problem::query(name, "given", "no value with this content-type"));
-        }
+        self.check_used(used)?;
         let (sample_rate_hz, scale) = (self.sample_rate_hz, self.scale()?);
         let sensitivity_mv_per_g = self.sensitivity_mv_per_g()?;
         Ok(match format {
@@ -135,6 +131,16 @@ impl UploadParameters {
             }
             other => other,
         })
+    }
+
+    /// Refuses a value that the format does not use: ignoring it would give wrong records.
+    fn check_used(&self, used: &[&str]) -> Result<(), Problem> {
+        let given = self.given();
+        let mut unused = OF_FORMATS.iter().filter(|name| !used.contains(name));
+        match unused.find(|name| given.contains_key(**name)) {
+            Some(name) => Err(Problem::query(name, "given", "no value with this content-type")),
+            None => Ok(()),
+        }
     }
 
     fn raw_format(&self) -> Result<RecordFormat, Problem> {

@@ -91,6 +91,13 @@ pub enum Accepted {
 }
 
 impl Accepted {
+    fn segment(&self) -> Option<&Segment> {
+        match self {
+            Self::Stored(segment) | Self::Repeated(segment) => Some(segment),
+            Self::Queued(_) => None,
+        }
+    }
+
     fn channel_index(&self) -> u32 {
         match self {
             Self::Stored(segment) | Self::Repeated(segment) => segment.raw.channel_index,
@@ -197,8 +204,13 @@ impl Pipeline {
             let mut repeats = records.iter().filter(|record| record.id == stored.id);
             repeats.try_for_each(|record| check_repeat(record, stored))?;
         }
-        let batch = self.begin(group, records, stored, vec![(name, bytes)], received_at).await?;
+        let batch = self.begin(group, records.clone(), stored, vec![(name, bytes)], received_at).await?;
         let mut accepted = self.finish(batch).await?;
+        // The same bytes with other values may have been committed meanwhile.
+        for record in &records {
+            let mut segments = accepted.iter().filter_map(Accepted::segment);
+            segments.find(|segment| segment.id == record.id).map_or(Ok(()), |it| check_repeat(record, it))?;
+        }
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)
     }

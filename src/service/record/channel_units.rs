@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use crate::asset::AssetSpec;
+use crate::asset::{AssetSpec, MAX_UNIT_BYTES};
 use crate::recording::RecordingError;
 use crate::service::error::ServiceError;
 use crate::signal::{Record, RecordError};
@@ -11,9 +11,6 @@ use crate::store::Store;
 
 /// The unit of samples whose unit is unknown.
 const UNKNOWN: &str = "1";
-
-/// Maximum length of a unit in bytes.
-const MAX_UNIT_BYTES: usize = 64;
 
 /// Units of the channels of an asset.
 #[derive(Debug, Clone, Default)]

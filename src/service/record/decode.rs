@@ -284,6 +284,14 @@ pub(crate) fn decode_upload(
     defaults.channel_units.extend(given.map(|(name, unit)| (name.clone(), unit.clone())));
     let records = format.decode(bytes, &defaults)?;
     check_names(&metadata.channel_names, records.len())?;
+    if let Some(channel) = metadata.channel.as_ref().filter(|_| records.len() > 1) {
+        return Err(ServiceError::Field {
+            field: "channel",
+            value: format!("{channel:?}"),
+            expected: format!("no value for {} channels: channel_names has their names", records.len())
+                .into(),
+        });
+    }
     records.iter().filter_map(Record::tachometer).try_for_each(check_pulses)?;
     Ok(records)
 }

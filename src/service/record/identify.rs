@@ -18,6 +18,7 @@ use crate::store::{Objects, RecordMetadata, Store};
 const MAX_DEPTH_UM: f64 = 1e5;
 
 /// A record with its identifier and the name of its raw bytes, before anything is stored.
+#[derive(Clone)]
 pub(crate) struct IdentifiedRecord {
     pub(crate) id: SegmentId,
     pub(crate) record: Arc<Record>,

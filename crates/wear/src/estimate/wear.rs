@@ -33,7 +33,8 @@ pub enum WearStatus {
     SpeedInDoubt,
     /// The record is too short or too sparsely sampled to be compared with the baseline.
     NotComparable,
-    /// The record was compared, but the interval spans most of the library.
+    /// The records do not determine the depth: the interval spans most of the library, they contradict each
+    /// other, or the baseline is too poor for a depth.
     NotIdentifiable,
     /// No state of the library explains the record: something other than wear has changed.
     OutsideLibrary,
