@@ -37,7 +37,7 @@ impl WearLimits {
         if let (Some(warning), Some(danger)) = (self.warning_um, self.danger_um)
             && warning > danger
         {
-            return Err(field("limits.warning_um", warning, "a depth at or below limits.danger_um"));
+            return Err(field("limits.warning_um", warning, "a depth at or below the danger limit"));
         }
         Ok(())
     }

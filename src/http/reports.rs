@@ -214,7 +214,15 @@ fn facts(spec: &AssetSpec) -> Vec<(String, String)> {
         facts.push((format!("Nominal speed of {of}"), format!("{} Hz", reading_words(speed_hz))));
     }
     if let Some(pair) = spec.pair() {
-        facts.push(("Gear pair".to_owned(), pair.name.clone()));
+        let words = match pair.name.is_empty() {
+            false => pair.name.clone(),
+            true => {
+                let geometry = &pair.geometry;
+                let [module, width] = [geometry.module_mm, geometry.face_width_mm].map(reading_words);
+                format!("module {module} mm, face width {width} mm")
+            }
+        };
+        facts.push(("Gear pair".to_owned(), words));
     }
     if !spec.bearings.is_empty() {
         let names: Vec<&str> = spec.bearings.iter().map(|bearing| bearing.name.as_str()).collect();

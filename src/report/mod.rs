@@ -92,7 +92,7 @@ pub fn angle_words(angle: &AngleUsed) -> String {
         }
         AngleSource::Tachometer { .. } => "tachometer".to_owned(),
         AngleSource::MeshPhase { harmonic, angle_error_deg, .. } => {
-            format!("mesh phase {harmonic} {}", error_words(angle_error_deg))
+            format!("mesh harmonic {harmonic}, {}", error_words(angle_error_deg))
         }
         AngleSource::ConstantSpeed => "constant speed".to_owned(),
     }

@@ -78,9 +78,6 @@ pub(in crate::cli) fn run(args: &ConvertArgs) -> Result<(), CliError> {
     if target == Target::Wav {
         for (option, is_given) in [
             ("--asset", args.asset.is_some()),
-            ("--start-time", args.values.gives_start_time()),
-            // With a sensitivity it says what the samples are before the conversion.
-            ("--unit", args.unit.is_some() && !args.values.gives_sensitivity()),
             ("--shaft-speed-hz", args.shaft_speed_hz.is_some()),
             ("--torque-nm", args.torque_nm.is_some()),
             ("--record-seconds", args.record_seconds.is_some()),

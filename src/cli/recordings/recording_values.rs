@@ -49,16 +49,6 @@ impl RecordingValues {
         self.start_time.unwrap_or_default()
     }
 
-    /// Whether a start time is given.
-    pub(in crate::cli) fn gives_start_time(&self) -> bool {
-        self.start_time.is_some()
-    }
-
-    /// Whether a sensor sensitivity is given.
-    pub(in crate::cli) fn gives_sensitivity(&self) -> bool {
-        self.sensitivity_mv_per_g.is_some()
-    }
-
     /// Returns the time at which the next recording without one begins, after one that ends at `end`. Without
     /// the option such recordings follow only each other.
     pub(in crate::cli) fn next_start(&self, next_start: Timestamp, end: Timestamp) -> Timestamp {

@@ -124,12 +124,20 @@ function discardBuilt() {
   if (!page?.holdsEntries) built = {};
 }
 
+const isShown = (route) => JSON.stringify(route) === JSON.stringify(shown);
+
 async function showRoute() {
   const { route, isOther } = routeWithZone(byId("times"));
   if (isOther) discardBuilt();
   const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
-  if (!same && page?.hasUnsaved && !confirm("Leave this page? Its unsaved changes are lost."))
+  // A link changes history and hash: the second event has the route that the first one shows.
+  if (
+    !same &&
+    page?.hasUnsaved &&
+    !isShown(route) &&
+    !confirm("Leave this page? Its unsaved changes are lost.")
+  )
     return history.pushState(null, "", format(shown));
   shown = route;
   markNavigation(route.page);
@@ -164,10 +172,7 @@ bindLogin(() => {
 byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", showRoute);
 addEventListener("beforeunload", (event) => page?.hasUnsaved && event.preventDefault());
-addEventListener(
-  "popstate",
-  () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && showRoute(),
-);
+addEventListener("popstate", () => isShown(parse(location.hash)) || showRoute());
 document.addEventListener("themechange", () => page?.redraw?.());
 document.addEventListener("sessionchange", lookForSession);
 document.addEventListener("recordschange", () => live.now());

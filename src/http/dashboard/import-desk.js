@@ -193,7 +193,7 @@ export class ImportDesk {
    * Unsupported files stay listed, with their reason.
    */
   #sendAll() {
-    if (this.#failBroken()) return;
+    if (!this.#files.some(({ isRecording }) => isRecording) || this.#failBroken()) return;
     const common = this.#values.common();
     const questions = [
       this.#spacing.question(),

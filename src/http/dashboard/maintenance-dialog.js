@@ -10,6 +10,8 @@ import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 
+const MINUTE_MS = 60_000;
+
 const OF_GEARS = ["gear_replaced", "inspected"];
 
 /** The dialog with the form for one maintenance event. */
@@ -144,11 +146,14 @@ export class MaintenanceDialog {
     const kind = this.#kind;
     const inspection = kind === "inspected" ? this.#inspection.value() : undefined;
     if (inspection === null) return;
+    const time = this.#entered();
+    if (Date.parse(time) > Date.now() + MINUTE_MS && !confirm(`${clock(time)} is in the future. Save it?`))
+      return;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
     storeName(by);
     this.#save.disabled = true;
     try {
-      await api.addMaintenance(this.#id, { time: this.#entered(), kind, by, comment, inspection });
+      await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
       this.element.close();

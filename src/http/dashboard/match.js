@@ -55,7 +55,8 @@ export class MatchPage extends FramedPage {
     if (!id) return this.#showNotice("No records yet.");
     const segment = await api.settle(api.segment(id, signal));
     if (segment instanceof Error) return this.#showNotice(segment.message);
-    if (!MATCHED.includes(segment.wear.status) || !segment.wear.best_state) return this.#unmatched(segment, asset);
+    if (!MATCHED.includes(segment.wear.status) || !segment.wear.best_state)
+      return this.#unmatched(segment, asset);
     const match = await api.settle(api.match(id, signal));
     if (match instanceof Error) return this.#showNotice(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
