@@ -171,7 +171,14 @@ export const CHECKS = {
     await page.getByLabel("Times in").selectOption("local");
     await page.waitForFunction(() => location.hash.includes("times=local"));
     assert.equal(await page.getByLabel("Site").inputValue(), "North");
-    page.once("dialog", (dialog) => dialog.accept()); // the unsaved site is lost
+    let asked = 0; // whether the unsaved site may be lost
+    page.on("dialog", (dialog) => {
+      asked += 1;
+      return dialog.accept();
+    });
+    await page.locator('a[href*="/match"]').first().click();
+    await page.waitForFunction(() => document.title.includes("Match"));
+    assert.equal(asked, 1);
     await page.goto(`${page.url().split("#")[0]}#/assets/${asset}/import`);
     const body = "not a recording";
     await page.setInputFiles("#upload-file", [
