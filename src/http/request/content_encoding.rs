@@ -107,10 +107,12 @@ fn not_gzip(error: io::Error) -> Problem {
     }
 }
 
+/// At the end of the body, its gzip data end too.
 fn incomplete(error: io::Error) -> Problem {
     match error.kind() {
         io::ErrorKind::InvalidInput | io::ErrorKind::UnexpectedEof => {
-            let detail = "the body does not match content-encoding: the gzip data end early, or their checksum is wrong";
+            let detail = "the body does not match content-encoding: the gzip data end early, or their checksum \
+                          is wrong";
             Problem::new(StatusCode::BAD_REQUEST, detail)
         }
         _ => broken(error),
@@ -152,6 +154,12 @@ mod tests {
             assert!(decode(coding, &coded).unwrap() == bytes, "{coding}");
             assert!(decode(coding, &coded[..coded.len() - 5]).is_err(), "{coding} cut off");
             assert!(decode(coding, b"something else entirely").is_err(), "{coding} broken");
+        }
+        let mut coded = gzip(&bytes);
+        coded.truncate(coded.len() / 2);
+        for cut in [coded, gzip(b"abc")[..20].to_vec(), Vec::new()] {
+            let problem = decode("gzip", &cut).unwrap_err();
+            assert!(problem.detail().contains("end early"), "{}: {}", cut.len(), problem.detail());
         }
         let parts = [gzip(&bytes[..1000]), gzip(&bytes[1000..])].concat();
         assert!(decode("gzip", &parts).unwrap() == bytes, "two members");

@@ -137,9 +137,7 @@ impl CsvParameters {
 
     /// The requested column layout.
     pub(crate) fn layout(&self) -> Result<CsvLayout, Problem> {
-        if let Some(rate) = self.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
-            return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
-        }
+        check_rate(self.sample_rate_hz)?;
         let numbers = self.columns.iter().flat_map(|columns| columns.split(','));
         let number = |text: &str| {
             let refused = || Problem::query("columns", format!("{text:?}"), "numbers from 1 to 256");
@@ -147,6 +145,14 @@ impl CsvParameters {
         };
         let columns: Vec<u16> = numbers.map(number).collect::<Result<_, _>>()?;
         Ok(CsvLayout::new(self.sample_rate_hz, self.time_column, &columns)?)
+    }
+}
+
+/// Refuses a sampling rate that no recording can have.
+pub(crate) fn check_rate(sample_rate_hz: Option<f64>) -> Result<(), Problem> {
+    match sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+        Some(rate) => Err(Problem::query("sample_rate_hz", rate, "a rate above 0")),
+        None => Ok(()),
     }
 }
 

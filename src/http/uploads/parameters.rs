@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::csv_preview::CsvParameters;
+use super::csv_preview::{CsvParameters, check_rate};
 use crate::http::problem::Problem;
 use crate::http::request::body;
 use crate::recording::RawLayout;
@@ -124,9 +124,7 @@ impl UploadParameters {
                 RecordFormat::Csv(layout)
             }
             RecordFormat::File(file) => {
-                if let Some(rate) = sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
-                    return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
-                }
+                check_rate(sample_rate_hz)?;
                 RecordFormat::File(SampleFile { sample_rate_hz, scale, sensitivity_mv_per_g, ..file })
             }
             other => other,

@@ -149,12 +149,14 @@ impl Tracker {
             }
             return;
         }
-        let carried = match (&mut state.0, event.kind) {
-            (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => None,
-            (Stage::Collecting(collecting), _) => collecting.take_carried(),
-            (Stage::Tracking(tracking), _) => tracking.filter.take(),
+        // What is not known of the same gears stays unknown.
+        let (carried, passed_over) = match (&mut state.0, event.kind) {
+            (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => (None, 0),
+            (Stage::Collecting(collecting), _) => (collecting.take_carried(), collecting.passed_over()),
+            (Stage::Tracking(tracking), _) => (tracking.filter.take(), tracking.passed_over.unwrap_or(0)),
         };
-        state.0 = Stage::Collecting(Box::new(Collecting::after_event(carried, event.until)));
+        let collecting = Collecting::after_event(carried, event.until).passing_over(passed_over);
+        state.0 = Stage::Collecting(Box::new(collecting));
     }
 
     /// Updates the state with a depth that was measured on the teeth at `at`.
@@ -167,7 +169,7 @@ impl Tracker {
             Stage::Collecting(collecting) => {
                 // Wear counts from the first baseline of the gears, whatever their depth is then.
                 if let Some(filter) = collecting.take_carried() {
-                    collecting.carry(self.inspected(ensemble, Some(filter), inspection));
+                    collecting.carry_inspected(self.inspected(ensemble, Some(filter), inspection));
                 }
             }
             Stage::Tracking(tracking) => {

@@ -38,8 +38,8 @@ pub(super) struct Collecting {
     carried: Option<Carried>,
     #[serde(default)]
     meshless: Meshless,
-    /// Number of records of the running machine that the baseline cannot have: their speed is in doubt, or they
-    /// are clipped.
+    /// Number of records that the baseline cannot have although the machine ran: their speed is in doubt, or
+    /// they are clipped.
     #[serde(default)]
     passed_over: u32,
     /// Set where users chose which records make the baseline.
@@ -82,8 +82,19 @@ impl Collecting {
         }
     }
 
-    /// Carries a filter over to the baseline.
-    pub(super) fn carry(&mut self, filter: Filter) {
+    /// Counts records that an earlier baseline of the same gears could not have.
+    pub(super) fn passing_over(self, passed_over: u32) -> Self {
+        Self { passed_over, ..self }
+    }
+
+    /// Number of records that the baseline cannot have although the machine ran.
+    pub(super) fn passed_over(&self) -> u32 {
+        self.passed_over
+    }
+
+    /// Carries the filter after an inspection over to the baseline: how worn the teeth are is known then.
+    pub(super) fn carry_inspected(&mut self, filter: Filter) {
+        self.passed_over = 0;
         self.carried = Some(Carried { filter });
     }
 

@@ -107,7 +107,12 @@ fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
 fn a_baseline_that_lacks_most_records_leaves_the_depth_open_until_an_inspection() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
-    let status_after = |passed_over: u32, is_inspected: bool| {
+    let healthy_after = |state: &mut TrackerState, records: u32, rng: &mut ChaCha8Rng| {
+        let mut update = || tracker.update(state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, rng));
+        (1..records).for_each(|_| drop(update()));
+        update()
+    };
+    let status_after = |passed_over: u32, event: Option<MaintenanceKind>| {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut state = tracker.start();
         for i in 0..NEED + passed_over {
@@ -120,22 +125,33 @@ fn a_baseline_that_lacks_most_records_leaves_the_depth_open_until_an_inspection(
             };
             tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
         }
-        if is_inspected {
-            let inspection =
-                Inspection { depth_um: 0.0, error_um: 5.0, gear: None, place: FlankPlace::default() };
-            tracker.inspect(&mut state, Timestamp::UNIX_EPOCH, &inspection);
-        }
-        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng))
+        let Some(kind) = event else { return healthy_after(&mut state, 1, &mut rng) };
+        let inspection = (kind == MaintenanceKind::Inspected).then(|| Inspection {
+            depth_um: 0.0,
+            error_um: 5.0,
+            gear: None,
+            place: FlankPlace::default(),
+        });
+        let (time, by) = (Timestamp::UNIX_EPOCH, "Ada".to_owned());
+        let event = MaintenanceEvent { time, kind, by, comment: String::new(), inspection, until: None };
+        tracker.event(&mut state, &event);
+        healthy_after(&mut state, NEED + 1, &mut rng)
     };
-    assert_eq!(status_after(NEED, false).status, WearStatus::Estimated);
-    let wear = status_after(NEED + 1, false);
+    assert_eq!(status_after(NEED, None).status, WearStatus::Estimated);
+    let wear = status_after(NEED + 1, None);
     assert_eq!(wear.status, WearStatus::NotIdentifiable);
     assert!(
         wear.reason.contains("21 records before its end were clipped or had a speed in doubt"),
         "{}",
         wear.reason
     );
-    assert_eq!(status_after(NEED + 1, true).status, WearStatus::Estimated);
+    for (kind, status) in [
+        (MaintenanceKind::Inspected, WearStatus::Estimated),
+        (MaintenanceKind::GearReplaced, WearStatus::Estimated),
+        (MaintenanceKind::SensorReplaced, WearStatus::NotIdentifiable),
+    ] {
+        assert_eq!(status_after(NEED + 1, Some(kind)).status, status, "{kind:?}");
+    }
 }
 
 #[test]
